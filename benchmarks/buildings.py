@@ -195,7 +195,7 @@ def whole(site: Site, condition: Condition, config: Config) -> dict[str, float]:
     course = follow(site, condition, order, start, config.seed)
     seconds, reference = time.process_time() - began, building.reference[judged]
     far = position_error(course.poses[rows], reference)
-    squares = nees(course.poses[rows], reference, course.covariances[rows], components=3)
+    squares = nees(course.poses[rows], reference, course.covariances[rows])
     published = course.states[rows] != LOST
     return {
         "median": float(np.median(far)),

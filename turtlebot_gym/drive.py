@@ -23,7 +23,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "true_state": (5,),
     "odometry": (3,),
     "estimate": (5,),
-    "covariance": (5, 5),
+    "covariance": (3, 3),
     "reference": (3,),
     "command": (2,),
     "twist": (2,),
@@ -90,7 +90,7 @@ class Drive:
     estimate: NDArray[np.float64] = _UNKNOWN
     """Estimated state, shape (T, 5); m, m, rad, m/s, rad/s."""
     covariance: NDArray[np.float64] = _UNKNOWN
-    """Covariance of the estimate, shape (T, 5, 5)."""
+    """Covariance of the estimated pose, shape (T, 3, 3)."""
     reference: NDArray[np.float64] = _UNKNOWN
     """Waypoint to reach, shape (T, 3); m, m, rad."""
     command: NDArray[np.float64] = _UNKNOWN

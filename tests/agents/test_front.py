@@ -143,7 +143,7 @@ def test_a_drive_is_the_first_episode_of_an_evaluation(in_a_room):
     trajectory = evaluate("vfh", env="rooms", world="office", lidar="ideal", seed=3, episodes=1).trajectory
     for name in ("true_state", "odometry", "estimate", "covariance", "reference", "command"):
         np.testing.assert_array_equal(in_a_room[name], getattr(trajectory, name))
-    expected = nees(trajectory.estimate, trajectory.true_state, trajectory.covariance, components=3)
+    expected = nees(trajectory.estimate, trajectory.true_state, trajectory.covariance)
     np.testing.assert_array_equal(in_a_room["nees"], expected)
     assert f"{position_error(trajectory.estimate, trajectory.true_state).mean():.3f}" in str(in_a_room)
 

@@ -49,7 +49,7 @@ SHAPES = {
     "true_state": (5,),
     "odometry": (3,),
     "estimate": (5,),
-    "covariance": (5, 5),
+    "covariance": (3, 3),
     "reference": (3,),
     "command": (2,),
 }

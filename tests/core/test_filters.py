@@ -10,12 +10,10 @@ from turtlebot_gym.estimation.filters import KalmanFilter, covariance_of, filter
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import (
     DeadReckoning,
-    Gate,
     Gated,
     Kalman,
 )
 from turtlebot_gym.presets import DOCUMENTED, POSE_GATE, ROUGH, TUTORIAL_FILTER, make_filter, matched
-from turtlebot_gym.systems.imu import IMUS
 from turtlebot_gym.values import STOP, Command, Covariance, Odometry, Pose, Senses
 
 TUNING = replace(matched(DOCUMENTED), kind=Kalman())
@@ -47,34 +45,11 @@ def test_steps_are_those_of_the_function(tuning, integrator):
         senses = Senses(Odometry(before, command, True)), Senses(Odometry(z, command, odometry is not None))
         estimate = filter_of(tuning).step(estimate, *senses, tuning, 0.05, INTEGRATORS[integrator])
         before = z
-        assert kf.belief == estimate.belief
-        assert kf.nis == estimate.nis
-        assert kf.rejections == (max(estimate.rejections, 0) if isinstance(tuning.kind, Gate) else 0)
-        assert kf.state.tolist() == list(estimate.belief.mean)
-        np.testing.assert_array_equal(kf.covariance, matrix(estimate.belief.covariance))
+        assert kf.estimate == estimate
+        assert (kf.belief, kf.nis) == (estimate.belief, estimate.nis)
 
 
-def test_a_filter_that_remembers_more_than_a_belief_begins_with_a_measurement():
-    tuning = make_filter("gyro", ROUGH, imu=IMUS["calibrated"])
-    KalmanFilter(tuning)
-    for given in ({"state": (1.0, 0.0, 0.0, 0.0, 0.0)}, {"covariance": np.eye(5)}):
-        with pytest.raises(ValueError, match="begins with its first measurement"):
-            KalmanFilter(tuning, **given)
-
-
-@pytest.mark.parametrize("rank", range(6))
-def test_any_positive_semidefinite_covariance_will_do(rank):
-    root = np.random.default_rng(rank).normal(size=(5, rank)) * 10.0 ** (rank - 4.0)
-    kf = KalmanFilter(TUNING, covariance=root @ root.T)
-    np.testing.assert_allclose(covariance_of(kf.covariance), covariance_of(root @ root.T))
-    kf.step(Command(0.1, 0.5), Pose(0.1, 0.0, 0.0))
-    assert np.isfinite(kf.covariance).all()
-
-
-BAD = [("state", (0.0, 0.0, math.nan, 0.0, 0.0)), ("state", (0.0, 0.0, 0.0)), ("integrator", "rk4")]
-
-
-@pytest.mark.parametrize(("name", "value"), [*BAD, *(("dt", dt) for dt in (0.0, -0.1, math.nan, math.inf))])
+@pytest.mark.parametrize(("name", "value"), [("integrator", "rk4"), *(("dt", dt) for dt in (0.0, -0.1, math.nan, math.inf))])
 def test_bad_arguments_are_named(name, value):
     with pytest.raises(ValueError, match=name):
         KalmanFilter(TUNING, **{name: value})
@@ -82,7 +57,7 @@ def test_bad_arguments_are_named(name, value):
 
 def test_a_covariance_is_that_of_the_pose_and_the_variances_of_the_twist():
     full = [[1, 2, 3, 0, 0], [2, 4, 5, 0, 0], [3, 5, 6, 0, 0], [0, 0, 0, 7, 0], [0, 0, 0, 0, 8]]
-    assert matrix(Covariance(*range(1, 9))).tolist() == full
+    assert matrix(Covariance(*range(1, 9))).tolist() == np.array(full)[:3, :3].tolist()
     assert covariance_of(np.array(full)) == tuple(range(1, 9))
 
 

@@ -10,7 +10,17 @@ from scipy import stats
 
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment, measure, quantize
-from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, execution_variances, expected, limit, slips
+from turtlebot_gym.models.unicycle import (
+    INTEGRATORS,
+    accelerate,
+    advance,
+    execute,
+    execution_variances,
+    expected,
+    limit,
+    motion,
+    slips,
+)
 from turtlebot_gym.parameters import OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import Command, Pose
@@ -111,6 +121,18 @@ def test_integrators_agree_on_straight_lines_and_turns_on_the_spot():
     assert advance(Pose(1.0, 2.0, 3.1), 0.2, 1.0, 0.1, EULER) == pytest.approx(
         (1.0 + 0.02 * math.cos(3.1), 2.0 + 0.02 * math.sin(3.1), 3.2 - 2.0 * math.pi)
     )
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS.values())
+@pytest.mark.parametrize("dt", [0.1, 0.25])
+def test_derivatives_of_the_motion_equal_differences(integrator, dt):
+    h = 1e-6
+    for theta, v, omega in np.random.default_rng(2).uniform(-3.0, 3.0, (200, 3)).tolist():
+        changes = []
+        for at in range(3):
+            one, other = ([number + sign * h * (i == at) for i, number in enumerate((theta, v, omega))] for sign in (1.0, -1.0))
+            changes.append(np.subtract(motion(*one, dt, integrator)[:2], motion(*other, dt, integrator)[:2]) / (2.0 * h))
+        np.testing.assert_allclose(motion(theta, v, omega, dt, integrator)[3:], np.array(changes).T.ravel(), atol=1e-8)
 
 
 ALPHAS = ProcessNoise(alpha1=0.02, alpha2=0.003, alpha3=0.4, alpha4=0.05)

@@ -30,7 +30,7 @@ def drive(*, turns: float = 2.0) -> Drive:
         true_state=truth,
         odometry=odometry,
         estimate=estimate,
-        covariance=np.tile(0.0004 * np.eye(5), (samples, 1, 1)),
+        covariance=np.tile(0.0004 * np.eye(3), (samples, 1, 1)),
         reference=np.repeat([[1.0, 0.0, 0.5], [-1.0, 0.0, 3.1]], samples // 2, axis=0),
         command=truth[:, 3:].copy(),
         around=RoomData(goal_radius=0.3),

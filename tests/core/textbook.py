@@ -4,7 +4,10 @@ import math
 
 import numpy as np
 
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.estimation.filters import covariance_of
 from turtlebot_gym.parameters import Tutorial
+from turtlebot_gym.values import Belief, State
 
 MIDDLE = {"euler": 0.0, "midpoint": 0.5}
 
@@ -19,6 +22,12 @@ def off(x, other):
     apart = np.array(x) - other
     apart[2] = difference(apart[2])
     return apart
+
+
+def believing(kalman_filter, x, P):
+    """Give a filter the belief with a mean of five numbers and a covariance of 5 x 5; return the filter."""
+    kalman_filter.estimate = Estimate(Belief(State(*map(float, x)), covariance_of(np.asarray(P, float))), 0.0, 0.0)
+    return kalman_filter
 
 
 class Textbook:

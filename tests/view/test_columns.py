@@ -43,14 +43,14 @@ def test_numbers_are_rounded_to_a_tenth_of_a_millimetre():
 
 
 def test_an_ellipse_by_hand():
-    covariance = np.zeros((5, 5))
+    covariance = np.zeros((3, 3))
     covariance[:2, :2] = [[1.0, 0.0], [0.0, 4.0]]  # sigmas of 1 m along x and 2 m along y
     drive = random_drive(1)
     table = rows_of(replace(drive, covariance=covariance[None]))
     assert table["width"][0] == pytest.approx(8.0)
     assert table["height"][0] == pytest.approx(4.0)
     assert abs(np.sin(table["tilt"][0])) == pytest.approx(1.0)
-    assert np.isnan(rows_of(replace(drive, covariance=np.full((1, 5, 5), np.nan)))["width"]).all()  # unknown
+    assert np.isnan(rows_of(replace(drive, covariance=np.full((1, 3, 3), np.nan)))["width"]).all()  # unknown
 
 
 def scanned(rows, beams):

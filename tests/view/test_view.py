@@ -36,7 +36,7 @@ def make_drive(rows=601, *, label="noise", scans=300, room=None):
         true_state=rng.normal(size=(rows, 5)),
         odometry=rng.normal(size=(rows, 3)),
         estimate=rng.normal(size=(rows, 5)),
-        covariance=np.tile(0.01 * np.eye(5), (rows, 1, 1)),
+        covariance=np.tile(0.01 * np.eye(3), (rows, 1, 1)),
         reference=np.ones((rows, 3)),
         command=rng.normal(size=(rows, 2)),
         nis=rng.chisquare(3, rows),

@@ -46,19 +46,14 @@ FIRST_SHARE = Outcome._fields.index("shares")
 
 _FLOAT = np.dtype(np.float32)
 
-IN_MATRIX = matrix(np.arange(8)).astype(np.intp)
-"""Index of the number at each place of a covariance matrix, shape (5, 5); at places without one it means nothing ..."""
-IS_NUMBER = matrix(np.ones(8))
-"""... and this is 0."""
-
 
 def indices_of(batch: Batch, key: str, path: str) -> NDArray[np.intp]:
-    """Return the indices of a part of a world, or of a number, shape (1,); those of a covariance are `IN_MATRIX`."""
+    """Return the indices of a part of a world in its shape, (3, 3) for a covariance; or of a number, shape (1,)."""
     world = batch.layout.world
     if path in world.names:
         return np.array([world.names.index(path)])
     part = np.arange(len(world.names))[world.slices[path]]
-    return part[IN_MATRIX] if key == "covariance" else part
+    return matrix(part) if key == "covariance" else part
 
 
 def spaces_of(system: System) -> tuple[spaces.Space[NDArray[np.float32]], spaces.Space[NDArray[np.float32]]]:

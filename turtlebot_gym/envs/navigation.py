@@ -93,10 +93,9 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Info
 
-    At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (5, 5), ``reference`` (3,),
+    At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (3, 3), ``reference`` (3,),
     ``command`` (2,), ``distance`` (true, m), ``is_success``, and ``reward_shares`` (k,), what each term adds to the reward, in
-    the order of ``env.unwrapped.reward_terms``. The arrays are new at every step. The covariance is that of the pose, and the
-    variances of the twist; nothing correlates the two.
+    the order of ``env.unwrapped.reward_terms``. The arrays are new at every step. The covariance is that of the estimated pose.
 
     In rooms also ``clearance`` (from the footprint to the nearest object, m), ``path_length`` (driven since the start, m),
     ``way_left`` (length of the shortest path to the goal on a grid, at most 8 % too long, m) and ``collision``.
@@ -246,7 +245,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             "true_state": numbers[true_state],
             "odometry": numbers[odometry],
             "estimate": numbers[estimate],
-            "covariance": numbers[covariance] * common.IS_NUMBER,
+            "covariance": numbers[covariance],
             "reference": numbers[reference],
             "command": numbers[command],
         }

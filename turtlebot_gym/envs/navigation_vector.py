@@ -49,8 +49,6 @@ class _InfoReader:
             info[key] = numbers[part].T.reshape(-1, *shape)
             if key in common.FLAGS:
                 info[key] = info[key] != 0.0
-            elif key == "covariance":
-                info[key] = info[key] * common.IS_NUMBER
         return info
 
 
@@ -61,7 +59,7 @@ class NavigationVectorEnv(SeededVectorEnv):
     arrays each time.
 
     ``info`` holds ``distance`` and ``is_success``, shape (N,), and with ``info="full"`` also ``true_state`` (N, 5),
-    ``odometry`` (N, 3), ``estimate`` (N, 5), ``covariance`` (N, 5, 5), ``reference`` (N, 3), ``command`` (N, 2), and ``nis``,
+    ``odometry`` (N, 3), ``estimate`` (N, 5), ``covariance`` (N, 3, 3), ``reference`` (N, 3), ``command`` (N, 2), and ``nis``,
     ``measured`` and ``slipping``, shape (N,), and ``reward_shares`` (N, k), what each of the `reward_terms` adds to the reward.
     Each key has a mask, as Gymnasium requires, which is false for environments that a reset left out; the keys of a step share
     one, which cannot be written to. In the mode SAME_STEP, ``final_obs`` (an array of objects, as in `SyncVectorEnv`: an

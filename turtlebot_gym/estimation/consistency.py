@@ -25,31 +25,28 @@ def difference(one: ArrayLike, other: ArrayLike) -> NDArray[np.float64]:
     return apart
 
 
-def nees(estimate: ArrayLike, truth: ArrayLike, covariance: ArrayLike, *, components: int = 5) -> NDArray[np.float64]:
-    """Return the normalized estimation error squared, ``e' P^-1 e``, with the heading's error wrapped.
+def nees(estimate: ArrayLike, truth: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
+    """Return the normalized estimation error squared of poses, ``e' P^-1 e``, with the heading's error wrapped.
 
-    For a consistent filter it is chi-square distributed, with one degree of freedom per component.
+    For a consistent filter it is chi-square distributed with 3 degrees of freedom.
 
     Args:
-        estimate: Estimated states, shape (..., 5); m, m, rad, m/s, rad/s.
-        truth: True states, shape (..., 5).
-        covariance: Shape (..., 5, 5).
-        components: Number of components of the state to judge: 5; 3 for the pose (at rest a filter may be certain of the twist,
-            so that P is singular); 2 for the position.
+        estimate: Estimated poses or states, shape (..., 3) or (..., 5); m, m, rad.
+        truth: True ones, the same shape.
+        covariance: Shape (..., 3, 3).
 
     Returns:
         Shape (...).
     """
-    error = difference(estimate, truth)[..., :components, None]
-    P = np.asarray(covariance, np.float64)[..., :components, :components]
-    return (np.swapaxes(error, -1, -2) @ np.linalg.solve(P, error))[..., 0, 0]
+    error = difference(estimate, truth)[..., :3, None]
+    return (np.swapaxes(error, -1, -2) @ np.linalg.solve(np.asarray(covariance, np.float64), error))[..., 0, 0]
 
 
 def mean_bounds(degrees: int, runs: int, *, false_alarm: float) -> tuple[float, float]:
     """Return the interval that contains the mean of independent NEES or NIS values, except for a stated rate of false alarms.
 
     Args:
-        degrees: Degrees of freedom of each: 5 for the NEES, 3 for the NIS.
+        degrees: Degrees of freedom of each: 3 for the NEES of a pose, and for the NIS.
         runs: Number of independent values in the mean. Values along one run are correlated: count runs, not steps.
         false_alarm: Probability that a consistent filter falls outside.
 

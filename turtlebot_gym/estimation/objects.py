@@ -22,11 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.config import refusal
-from turtlebot_gym.estimation.filters import jacobian
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.models.unicycle import Integrator, advance
+from turtlebot_gym.models.unicycle import Integrator, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD
-from turtlebot_gym.values import Pose, State
 
 KNOWN = EXTENDED, UNSCENTED = "ExtendedKalmanFilter", "UnscentedKalmanFilter"
 UNKNOWN = 1e9
@@ -74,8 +72,11 @@ class _Worker:
         filter.Q = self._Q * (dt / self._period)
         u = before[3:5] if n == 3 else twist
         if self._moves_as_robot:
-            state = State(*before[:5].tolist())
-            pose, F = advance(Pose(*state[:3]), state.v, state.omega, dt, Integrator.EULER), jacobian(state, dt=dt)[:n, :n]
+            x, y, theta, v, omega = before[:5].tolist()
+            moved, F = motion(theta, v, omega, dt, Integrator.EULER), np.eye(max(n, 5))
+            F[3, 3] = F[4, 4] = 0.0  # commands replace the twist
+            F[0, 2:5], F[1, 2:5], F[2, 4] = moved[3:6], moved[6:], dt
+            pose, F = (x + moved.x, y + moved.y, theta + moved.theta), F[:n, :n]
             filter.x = np.reshape([*pose, *twist, *before[5:]][:n], np.shape(filter.x))
             filter.P = F @ filter.P @ F.T + filter.Q
         elif self._is_extended:

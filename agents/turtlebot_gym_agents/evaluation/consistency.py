@@ -30,10 +30,9 @@ def pose_nees(
     estimate: NDArray[np.float64], truth: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the NEES of poses, NaN where the filter states no error; shapes as in `estimation.consistency.nees`."""
-    pose = covariance[..., :DEGREES, :DEGREES]
-    is_certain = ~(np.linalg.det(pose) > 0.0)
-    stated = np.where(is_certain[..., None, None], np.eye(DEGREES), pose)
-    return np.where(is_certain, np.nan, nees(estimate, truth, stated, components=DEGREES))
+    is_certain = ~(np.linalg.det(covariance) > 0.0)
+    stated = np.where(is_certain[..., None, None], np.eye(DEGREES), covariance)
+    return np.where(is_certain, np.nan, nees(estimate, truth, stated))
 
 
 class Consistent:

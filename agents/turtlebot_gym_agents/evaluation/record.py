@@ -32,7 +32,7 @@ class Record(NamedTuple):
     way_left: NDArray[np.float64]
     """At the starts, shape (n,)."""
     covariance: NDArray[np.float64]
-    """Of the first episode, shape (T + 1, 5, 5)."""
+    """Of the first episode, shape (T + 1, 3, 3)."""
 
     def trajectory(self, *, dt: float) -> Drive:
         """Return the first episode."""

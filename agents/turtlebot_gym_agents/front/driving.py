@@ -38,7 +38,7 @@ class DriveResult(Result):
     """An episode, row by row.
 
     It prints as a table of errors and how the drive ended. Arrays by name: ``time`` (T,), ``true_state`` (T, 5), ``odometry``
-    (T, 3), ``estimate`` (T, 5), ``covariance`` (T, 5, 5), ``reference`` (T, 3), ``command`` (T, 2), ``nees`` (T,), and what
+    (T, 3), ``estimate`` (T, 5), ``covariance`` (T, 3, 3), ``reference`` (T, 3), ``command`` (T, 2), ``nees`` (T,), and what
     else is known. In a room ``walls`` (centre, half length and half width), ``circles`` (C, 3), ``boxes`` (B, 5) or ``cells``.
     """
 
@@ -55,9 +55,9 @@ class DriveResult(Result):
         arrays = {name: getattr(drive, name) for name in names}
         arrays = {"time": drive.time, **{name: array for name, array in arrays.items() if np.isfinite(array).any()}}
         arrays["nees"] = np.full(len(drive), np.nan)
-        rows = known(drive.truth) & known(drive.estimate[:, :3]) & np.isfinite(drive.covariance[:, :3, :3]).all((1, 2))
+        rows = known(drive.truth) & known(drive.estimate[:, :3]) & np.isfinite(drive.covariance).all((1, 2))
         if rows.any():
-            arrays["nees"][rows] = nees(drive.estimate[rows], drive.true_state[rows], drive.covariance[rows], components=3)
+            arrays["nees"][rows] = nees(drive.estimate[rows], drive.true_state[rows], drive.covariance[rows])
         if around.room is not None:
             arrays |= {
                 "walls": np.array(around.room.walls, np.float64),

@@ -86,11 +86,8 @@ def _motion(message: Any) -> list[float]:
 
 
 def _covariance(message: Any) -> NDArray[np.float64]:
-    """Return the covariance of x, y, heading, v and omega in an Odometry message; it lacks that between pose and twist."""
-    P = np.zeros((5, 5))
-    pose, twist = (np.asarray(part.covariance, np.float64).reshape(6, 6) for part in (message.pose, message.twist))
-    P[:3, :3], P[3:, 3:] = pose[np.ix_((0, 1, 5), (0, 1, 5))], twist[np.ix_((0, 5), (0, 5))]
-    return P
+    """Return the covariance of x, y and heading in an Odometry message."""
+    return np.asarray(message.pose.covariance, np.float64).reshape(6, 6)[np.ix_((0, 1, 5), (0, 1, 5))]
 
 
 def _nis(message: Any) -> float:
@@ -202,7 +199,7 @@ class DriveListener:
             true_state=truth,
             odometry=self["fix"].nearest(time, 3) if self["fix"] else odom[:, :3],
             estimate=self["estimate"].held(time, 5, fresh=HELD),
-            covariance=self["covariance"].held(time, (5, 5), fresh=HELD),
+            covariance=self["covariance"].held(time, (3, 3), fresh=HELD),
             reference=self["reference"].held(time, 5)[:, :3],
             twist=self["twist"].before(time, 5)[:, 3:] if self["twist"] else odom[:, 3:],
             nis=self["nis"].held(time, fresh=HELD),

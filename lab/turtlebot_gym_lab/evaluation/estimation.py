@@ -42,7 +42,7 @@ class _Drives(NamedTuple):
     estimate: NDArray[np.float64]
     """Shape (n, T + 1, 5)."""
     covariance: NDArray[np.float64]
-    """Shape (n, T + 1, 5, 5)."""
+    """Shape (n, T + 1, 3, 3)."""
     command: NDArray[np.float64]
     """Command executed up to each time, without its noise, shape (n, T + 1, 2)."""
     measured: NDArray[np.bool_]
@@ -111,7 +111,7 @@ def estimate(
                 bounds.append(count * np.diagonal(bound, axis1=1, axis2=2)[:, :3])
             truth, last, covariance = drives.truth[:, -1], drives.estimate[:, -1], drives.covariance[:, -1]
             squares[name].append(difference(last[:, :3], truth[:, :3]) ** 2)
-            all_nees[name].append(nees(last, truth, covariance, components=3))
+            all_nees[name].append(nees(last, truth, covariance))
     bound = np.sqrt(np.sum(bounds, axis=0) / runs)
     results = {}
     for name in tunings:

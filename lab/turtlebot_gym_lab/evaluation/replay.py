@@ -241,7 +241,7 @@ def _mean_nees(replayed: Drive) -> float:
     if not rows.any():
         return float("nan")
     estimate, truth, covariance = (each[rows] for each in (replayed.estimate, replayed.true_state, replayed.covariance))
-    return float(np.mean(nees(estimate, truth, covariance, components=3)))
+    return float(np.mean(nees(estimate, truth, covariance)))
 
 
 def replay_figure(trajectory: Drive, wheels: NDArray[np.float64], *, title: str | None = None) -> Figure:

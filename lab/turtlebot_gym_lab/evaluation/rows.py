@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.cache import compiled, in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
-from turtlebot_gym.estimation.filters import PLACES, filter_of
+from turtlebot_gym.estimation.filters import filter_of, matrix
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.odometry import sense
@@ -19,8 +19,6 @@ from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.parameters import FilterTuning, OdometryNoise
 from turtlebot_gym.values import Belief, Command, Odometry, Pose, Senses
-
-_ROWS, _COLUMNS = PLACES
 
 
 class Rows(NamedTuple):
@@ -50,7 +48,7 @@ class Filtered(NamedTuple):
     estimate: NDArray[np.float64]
     """Mean of the belief, shape (T, 5)."""
     covariance: NDArray[np.float64]
-    """Shape (T, 5, 5)."""
+    """Covariance of the pose, shape (T, 3, 3)."""
 
 
 @kernel
@@ -138,9 +136,7 @@ def filtered(rows: Rows, tuning: FilterTuning, noise: OdometryNoise, *, seed: in
     poses, beliefs = np.empty((length, 3)), np.empty((length, 13))
     poses[0], beliefs[0] = now.pose, (*estimate.belief.mean, *estimate.belief.covariance)
     _loop_of(filter)(rows, now, estimate, *numbers, key, integrator, measured, poses, beliefs)
-    covariance = np.zeros((length, 5, 5))
-    covariance[:, _ROWS, _COLUMNS] = covariance[:, _COLUMNS, _ROWS] = beliefs[:, 5:]
-    return Filtered(measured, poses, beliefs[:, :5], covariance)
+    return Filtered(measured, poses, beliefs[:, :5], np.moveaxis(matrix(beliefs[:, 5:].T), -1, 0))
 
 
 def _moving(estimate: Any, twist: Command) -> Any:
