@@ -1,7 +1,7 @@
 """Steps per second of open ground on a GPU, and whether each step has the bits of the engine: two minutes of a GPU.
 
 ``python benchmarks/gpu.py --json benchmarks/gpu.json`` measures on a CUDA device.
-``--device warp-cpu --sizes 8 10 --seconds 0.2`` tries the script, on this processor. Times are those of the wall, from a
+``--device torch-cpu --sizes 8 10 --seconds 0.2`` tries the script, on this processor. Times are those of the wall, from a
 device that has nothing to do to one that has done all.
 """
 
@@ -89,15 +89,15 @@ def rate_of(env: NavigationDeviceEnv, *, seconds: float) -> dict[str, Any]:
 def device_of(device: torch.device) -> dict[str, Any]:
     """Describe the device that the kernels ran on."""
     is_gpu = device.type == "cuda"
-    name = torch.cuda.get_device_name(device) if is_gpu else "this processor, by Warp's backend for CPUs; no GPU"
-    versions = {"warp": version("warp-lang"), "torch": torch.__version__, "cuda": torch.version.cuda if is_gpu else None}
+    name = torch.cuda.get_device_name(device) if is_gpu else "this processor; no GPU"
+    versions = {"llvmlite": version("llvmlite"), "torch": torch.__version__, "cuda": torch.version.cuda if is_gpu else None}
     return {"backend": "CUDA" if is_gpu else "CPU", "name": name} | versions
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Compare, measure, print, and write the JSON."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--device", default="cuda", help="cuda, cuda:1 and so on, or warp-cpu (default: cuda)")
+    parser.add_argument("--device", default="cuda", help="cuda, cuda:1 and so on, or torch-cpu (default: cuda)")
     sizes = list(range(12, 23, 2))
     parser.add_argument("--sizes", type=int, nargs="+", default=sizes, help="powers of two of environments (default: 12 to 22)")
     parser.add_argument("--seconds", type=float, default=10.0, help="time of a size, s (default: 10)")

@@ -49,7 +49,7 @@ def sqrt(x: float) -> float:
 
 def floor(x: float) -> float:
     """Return the greatest whole number up to x as a float: AVX2 cannot convert vectors of floats to 64-bit integers."""
-    return 1.0 * math.floor(x)
+    return 1.0 * math.floor(x) if x else x  # a zero keeps its sign
 
 
 def exactly(n: int) -> float:
@@ -73,17 +73,19 @@ def split(x: float) -> tuple[float, float]:
     return significand, float(exponent)
 
 
-def first_accepted(most: int, draw: Callable[[int], tuple[Any, ...]]) -> tuple[float, ...]:
-    """Return the first of ``draw(0)``, ``draw(1)`` and so on whose last item is true, without that; else the last of ``most``.
+def lanes(count: int) -> range:
+    """Return a range whose rounds share nothing: compiled loops run them side by side, in vectors."""
+    return range(count)
 
-    It is for plain Python and for open ground only.
-    """
-    drawn: tuple[Any, ...] = ()
-    for attempt in range(most):
-        drawn = draw(attempt)
-        if drawn[-1]:
-            break
-    return drawn[:-1]
+
+def thread() -> int:
+    """Return the number of this thread of a GPU: the environment that it begins with."""
+    return 0
+
+
+def threads() -> int:
+    """Return the number of threads of a GPU that share a loop."""
+    return 1
 
 
 def is_plain() -> bool:
@@ -102,7 +104,7 @@ def prefer_wide() -> None:
     """
 
 
-def compiled_scratch(size: int) -> Any:
+def compiled_scratch(size: int, element: str = "float64") -> Any:
     """Return room for ``size`` numbers, a constant, until the calling compiled function ends; for compiled loops only."""
     raise NotImplementedError("compiled_scratch is for compiled loops: plain Python makes an array.")
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Numbers, Range, check_fields, refusal
-from turtlebot_gym.kernel import algebra, first_accepted, kernel, sqrt
+from turtlebot_gym.kernel import algebra, kernel, sqrt
 from turtlebot_gym.models.angles import PI, wrap
 from turtlebot_gym.models.random import GOAL, START, uniforms
 from turtlebot_gym.values import Pose, State
@@ -104,14 +104,13 @@ def draw_goal(key: int, start: Pose, task: Task) -> Pose:
     That distance is at most the arena's half side, so a draw is refused with probability below pi/4, and all of 64 with less
     than 2e-7; the last one is then used.
     """
-
-    def draw(attempt):
+    x, y = 0.0, 0.0
+    for attempt in range(64):
         u1, u2 = uniforms(key, attempt, GOAL)
         x, y = (2.0 * u1 - 1.0) * task.arena, (2.0 * u2 - 1.0) * task.arena
         dx, dy = x - start.x, y - start.y
-        return x, y, dx * dx + dy * dy >= task.min_distance * task.min_distance
-
-    x, y = first_accepted(64, draw)
+        if dx * dx + dy * dy >= task.min_distance * task.min_distance:
+            break
     u3, _ = uniforms(key, 2, START)
     return Pose(x, y, wrap(2.0 * PI * u3))
 

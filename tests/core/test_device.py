@@ -1,7 +1,4 @@
-"""Environments on a GPU have the bits of the engine: on Warp's backend for processors, and on a GPU where there is one.
-
-The same text is compiled for both, see `test_cpp`.
-"""
+"""Environments on a GPU have the bits of the engine: their kernels on this processor, and on a GPU where there is one."""
 
 import math
 import sys
@@ -18,12 +15,7 @@ from turtlebot_gym.envs.navigation_device import CHECKED, NavigationDeviceEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.envs.vector import make_vector
 
-try:
-    import torch
-    import warp as wp
-except ImportError:
-    torch = wp = None
-needs_warp = pytest.mark.skipif(wp is None, reason="NVIDIA Warp or torch is not installed: pip install '.[gpu]'")
+torch = pytest.importorskip("torch")
 
 SHAKY = Noise(
     process=ProcessNoise(alpha1=0.02, alpha2=0.001, alpha3=0.05, alpha4=0.01, slip=0.5, slip_start=0.05, slip_end=0.2),
@@ -41,12 +33,10 @@ SYSTEMS = {
 }
 
 
-@pytest.fixture(params=["warp-cpu", "cuda"])
+@pytest.fixture(params=["torch-cpu", "cuda"])
 def device(request):
     """Return the name of a device that is there."""
-    if wp is None:
-        pytest.skip("NVIDIA Warp or torch is not installed: pip install '.[gpu]'")
-    if request.param == "cuda" and not (wp.is_cuda_available() and torch.cuda.is_available()):
+    if request.param == "cuda" and not torch.cuda.is_available():
         pytest.skip("there is no CUDA device")
     return request.param
 
@@ -135,12 +125,11 @@ def test_each_system_has_the_bits_of_the_engine_for_200000_steps(device, name):
     assert ends > 1000
 
 
-@needs_warp
 def test_the_comparison_notices_the_last_bit_of_an_action():
     def changed(actions):
         return np.nextafter(actions, np.float32(0.0))
 
-    equal, different, _ = compare(*pair("warp-cpu", "default", 50), steps=5, changed=changed)
+    equal, different, _ = compare(*pair("torch-cpu", "default", 50), steps=5, changed=changed)
     assert different > 5 * 50 / 2 > equal
 
 
@@ -174,9 +163,8 @@ def test_everything_is_a_new_tensor_on_the_device(device):
     assert env.observation_space.contains(observations.cpu().numpy())
 
 
-@needs_warp
 def test_actions_must_be_a_tensor_of_the_device():
-    env = NavigationDeviceEnv(3, device="warp-cpu")
+    env = NavigationDeviceEnv(3, device="torch-cpu")
     good = torch.zeros((3, 2))
     with pytest.raises(ResetNeeded):
         env.step(good)
@@ -187,10 +175,9 @@ def test_actions_must_be_a_tensor_of_the_device():
     env.step(good.requires_grad_().T.contiguous().T)  # in another order of memory
 
 
-@needs_warp
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_an_action_that_is_not_finite_is_an_error_soon(bad):
-    env = NavigationDeviceEnv(3, device="warp-cpu")
+    env = NavigationDeviceEnv(3, device="torch-cpu")
     env.reset(seed=0)
     actions = torch.zeros((3, 2))
     actions[1, 1] = bad
@@ -205,9 +192,8 @@ def test_an_action_that_is_not_finite_is_an_error_soon(bad):
     env.reset()  # once is enough
 
 
-@needs_warp
 def test_masks_are_checked():
-    env = NavigationDeviceEnv(2, device="warp-cpu")
+    env = NavigationDeviceEnv(2, device="torch-cpu")
     some = torch.tensor([True, False])
     with pytest.raises(ResetNeeded, match="Environment 1"):
         env.reset(options={"reset_mask": some})
@@ -232,17 +218,15 @@ REFUSED = {
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_a_device_cannot_do_is_refused_before_anything_is_compiled(what, monkeypatch):
     monkeypatch.setattr(navigation_device, "DeviceBatch", lambda *args, **options: pytest.fail("compiled"))
-    monkeypatch.setitem(sys.modules, "warp", None)
-    with pytest.raises(ValueError, match="device='warp-cpu' cannot do") as caught:
-        NavigationDeviceEnv(2, device="warp-cpu", **REFUSED[what])
-    assert str(caught.value) == f"device='warp-cpu' cannot do {what}: leave device out, and the engine does."
+    with pytest.raises(ValueError, match="device='torch-cpu' cannot do") as caught:
+        NavigationDeviceEnv(2, device="torch-cpu", **REFUSED[what])
+    assert str(caught.value) == f"device='torch-cpu' cannot do {what}: leave device out, and the engine does."
 
 
-@needs_warp
 def test_a_kernel_that_calls_the_library_is_refused():
     swing = RewardTerm("swing", lambda before, after, judgement, p: math.sin(after.steps), 1.0)
     with pytest.raises(ValueError, match=r"a kernel calls math\.sin, whose last bits differ.* Leave device out"):
-        NavigationDeviceEnv(2, device="warp-cpu", reward={swing: 1.0})
+        NavigationDeviceEnv(2, device="torch-cpu", reward={swing: 1.0})
 
 
 def test_parameters_cannot_be_changed(device):
@@ -253,20 +237,18 @@ def test_parameters_cannot_be_changed(device):
 
 @pytest.mark.parametrize("name", ["gpu", "cuda:", "warp", "", None, 0])
 def test_an_unknown_device_is_refused(name):
-    with pytest.raises(ValueError, match="device must be 'cpu', 'cuda', 'cuda:1' and so on, or 'warp-cpu', got"):
+    with pytest.raises(ValueError, match="device must be 'cpu', 'cuda', 'cuda:1' and so on, or 'torch-cpu', got"):
         make_vector(2, device=name)
 
 
-@pytest.mark.parametrize("library", ["warp", "torch"])
-def test_a_missing_library_is_named_with_its_remedy(library, monkeypatch):
-    monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(ImportError, match=rf"device='cuda' needs Warp and torch: pip install .*\[gpu\].*{library}"):
+def test_a_missing_torch_is_named_with_its_remedy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(ImportError, match=r"device='cuda' needs torch: pip install .*\[gpu\].*torch"):
         make_vector(2, device="cuda")
 
 
-@needs_warp
 def test_a_device_that_is_not_there_is_refused():
     with pytest.raises(
-        ValueError, match=r"device='cuda:99' is not there: Warp finds (no|\d+) CUDA devices?\. Leave device out"
+        ValueError, match=r"device='cuda:99' is not there: torch finds (no|\d+) CUDA devices?\. Leave device out"
     ):
         make_vector(2, device="cuda:99")

@@ -138,13 +138,9 @@ def test_a_batch_tells_whether_any_episode_ended_however_many_threads_made_the_s
     assert flagged == [False, True, True]
 
 
-@pytest.mark.parametrize("why", ["the pace chose it", "there is one"])
-def test_one_thread_runs_the_serial_loop(monkeypatch, why):
+def test_one_thread_runs_the_serial_loop(monkeypatch):
     serial = driven()
     monkeypatch.setattr(module, "PARALLEL_FROM", TILE)
     monkeypatch.setattr(Threads, "run", lambda *given: pytest.fail("one thread needs no parallel loop"))
-    if why == "there is one":
-        monkeypatch.setattr(Threads, "count", lambda: 1)
-    else:
-        monkeypatch.setattr(Pace, "parallel", property(lambda self: False, lambda self, value: None), raising=False)
+    monkeypatch.setattr(Threads, "count", lambda: 1)
     assert driven() == serial

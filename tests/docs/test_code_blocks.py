@@ -92,8 +92,8 @@ def test_code_blocks_work(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.syspath_prepend(path.with_suffix(""))  # files that the page links to
-    if any('device="warp-cpu"' in block.text for block in blocks_of(path)):
-        pytest.importorskip("warp", reason="needs the extra [gpu]")
+    if any('device="torch-cpu"' in block.text for block in blocks_of(path)):
+        pytest.importorskip("torch", reason="needs the extra [gpu]")
     write_drive(tmp_path / "drive.csv")
     page = ModuleType("page")
     monkeypatch.setitem(sys.modules, "page", page)  # in which a term of an observation has a name

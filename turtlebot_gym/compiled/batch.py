@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.compiled.graph import Untraceable
-from turtlebot_gym.compiled.ground import Case
-from turtlebot_gym.compiled.loop import loops_of
-from turtlebot_gym.compiled.memory import FIRST_SHARE
+from turtlebot_gym.compiled.loop import Loops, loops_of
 from turtlebot_gym.compiled.packing import TILE, Packing, aligned, as_tuple, flatten, layout_of, packing
 from turtlebot_gym.compiled.program import Program, caller_of
-from turtlebot_gym.compiled.running import FEW, GroundTracks, find_ground
+from turtlebot_gym.compiled.proof import Case, case_of, own_of
 from turtlebot_gym.compiled.threads import Pace, Threads
+from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.heart import begin_at
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.observations import History, size_of
@@ -30,6 +28,10 @@ from turtlebot_gym.values import Pose
 
 PARALLEL_FROM = 2048
 """Batches below this size run on one thread: splitting costs more than it saves."""
+FOLDED_FROM = 512
+"""Batches below this size load shared parameters that are not whole numbers: code of their own would never pay for itself."""
+FEW = 16
+"""Most environments whose results are faster to copy than the addresses of new arrays are to find."""
 ROOMS_PARALLEL_FROM = 256
 """The same in rooms, where a step takes about ten times as long."""
 
@@ -57,6 +59,7 @@ class Batch:
         shares: bool = False,
     ) -> None:
         n_tiles = -(-num_envs // TILE)
+        self._shares = shares
         self._own, self._by_parameters = system, system is None or (isinstance(system, WithTerms) and system.system is None)
         self.parameters = parameters
         self._find_system()
@@ -68,12 +71,12 @@ class Batch:
         self._keys[:, TILE] = np.arange(n_tiles)
         self._tiles = np.empty((n_tiles, 0))
         self._plan = plan
-        self._is_traced = self._around is None and self.system.compiled and HAS_LLVM
-        """Whether the loops are those of `ground`."""
+        self._is_open = self._around is None and self.system.compiled and HAS_LLVM
+        """Whether the loops are compiled for open ground."""
         is_large = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
         self._parallel = is_large and self.system.compiled and HAS_LLVM
-        self._callers: dict[str, list[Any]] = {}
-        """Callers of the loops, one for each thread."""
+        self._callers: dict[tuple[str, int], list[Any]] = {}
+        """Callers of a loop in some parts, each for a thread."""
         self._pace = Pace()
         self._parts = 1
         """Parts of the last step's tiles, each for a thread."""
@@ -84,9 +87,8 @@ class Batch:
         self._history = history if history else None  # a test for None takes a tenth of a microsecond less
         self._world: Packing | None = None
         self._selected: list[NDArray[np.intp]] = []
-        self._tracks: GroundTracks | None = None
         self._case: Case | None = None
-        """What the machine code of `ground` was made for."""
+        """What the loops of open ground are made for."""
         self._begun = False
         """Whether an episode has begun."""
         self.set_parameters(parameters)
@@ -97,7 +99,7 @@ class Batch:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without views, local functions and addresses."""
-        kernels = {"system", "layout", "_around", "_loops", "_first", "_world", "_tracks", "_few"}
+        kernels = {"system", "layout", "_around", "_loops", "_first", "_world", "_few"}
         places = None if self._world is None else self._world.places
         return {name: value for name, value in self.__dict__.items() if name not in kernels} | {
             "_callers": {},
@@ -107,7 +109,7 @@ class Batch:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._find_system()
-        self._world, self._tracks = packing(self.layout.world.example, state["_world"]), None
+        self._world = packing(self.layout.world.example, state["_world"])
         tiles = aligned(self._tiles.size).reshape(self._tiles.shape)  # a copy need not begin a cache line
         tiles[:] = self._tiles
         self._tiles, self._first = tiles, tiles[0]
@@ -136,38 +138,34 @@ class Batch:
         if self._around:
             self._make_room_for(self._around, rows * self.num_envs if same else rows)
         numbers = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
-        varying = self._trace(numbers) if self._is_traced else None
-        if varying is None:
-            varying, self._loops = list(range(numbers.shape[1])), loops_of(self.system)
-            self._lay_out(self._loops.world)
+        self._loops, varying = self._find_loops(numbers)
+        self._lay_out(self._loops.world, self._loops.constants)
         last, whole = len(rows) - 1, -(-len(rows) // TILE) * TILE
         table = numbers[np.minimum(np.arange(whole), last)][:, varying]  # the last row fills the last tile
         tiles = table.reshape(len(table) // TILE, TILE, len(varying)).transpose(0, 2, 1)
         self._parameters = aligned(tiles.size)
         self._parameters.reshape(tiles.shape)[:] = tiles
-        self._few = self._tracks.step_few if self._tracks and self.num_envs <= FEW and not self._history else None
-        if self._tracks is not None:
-            stride = len(varying) * TILE * 8 if len(tiles) > 1 else 0
-            self._tracks.bind(self._tiles, self._keys, self._parameters, stride, self.waypoints, self.seeds, self.episodes)
+        self._is_program, is_few = isinstance(self._loops.step, Program), self.num_envs <= FEW
+        self._few: Any = () if is_few and self._is_program and self._history is None else None
+        self._copies = is_few or self.num_envs % TILE > 0
+        """Whether actions are copied: loops read those of whole tiles."""
+        self._asked = np.zeros(2 * len(self._keys) * TILE, np.float32)
+        self._given = self._asked[: 2 * self.num_envs].reshape(-1, 2)
 
-    def _trace(self, numbers: NDArray[np.float64]) -> list[int] | None:
-        """Use loops traced for some parameters, shape (1, K) or (N, K).
+    def _find_loops(self, numbers: NDArray[np.float64]) -> tuple[Loops, list[int]]:
+        """Return the loops for some parameters, shape (1, K) or (N, K), and the indices of those that the loops load."""
+        if self._is_open:
+            waypoints, small, shares = self.waypoints.shape[1], self.num_envs < FOLDED_FROM, self._shares
+            try:
+                self._case = case_of(self.system, numbers, waypoints, shares, self._case, self._begun, small)
+                own = own_of(self.system, self._case)
+                return loops_of(self.system, self._case), [self.layout.parameters.names.index(name) for name in own]
+            except Untraceable as error:
+                self._warn(error)
+                self._is_open, self._case = False, None
+        return loops_of(self.system), list(range(numbers.shape[1]))
 
-        Returns:
-            The indices of the parameters that differ between environments; None if a kernel cannot be traced, after a warning.
-        """
-        try:
-            ground, case = find_ground(self.system, self.num_envs, numbers, self.waypoints.shape[1], self._case, self._begun)
-        except Untraceable as error:
-            self._warn(error)
-            self._is_traced, self._tracks, self._case = False, None, None
-            return None
-        self._lay_out(ground.world, ground.constants)
-        self._case = case
-        self._tracks = GroundTracks(ground, self._shapes, self._shapes[1][0] > FIRST_SHARE)
-        return [self.layout.parameters.names.index(name) for name in ground.own]
-
-    def _lay_out(self, world: Packing, constants: Sequence[tuple[int, float]] = ()) -> None:
+    def _lay_out(self, world: Packing, constants: Mapping[int, float]) -> None:
         """Move the numbers of all worlds to the places of a layout."""
         if self._world is not None and world.places == self._world.places:
             self._world = world
@@ -176,7 +174,7 @@ class Batch:
         if self._world is not None:
             tiles[:, world.places] = self._tiles.reshape(len(tiles), -1, TILE)[:, self._world.places]
         if not self._begun:
-            for place, value in constants:
+            for place, value in constants.items():
                 tiles[:, place] = value
         self._world, self._tiles = world, tiles.reshape(len(tiles), -1)
         self._first = self._tiles[0]
@@ -256,9 +254,6 @@ class Batch:
         outcomes: NDArray[np.float64],
     ) -> None:
         """Write some observations without the past of a history, and begin the episodes first if asked."""
-        if self._tracks is not None:
-            self._tracks.reset(mask, begins, observations, outcomes)
-            return
         parallel = self._parallel and Threads.acquire()
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         try:
@@ -269,9 +264,8 @@ class Batch:
 
     def _run(self, name: str, parts: int, *arguments: Any) -> None:
         """Run a loop over all tiles in some parts, each on a thread; as plain Python, after a warning, if it is untraceable."""
-        callers = self._callers.setdefault(name, [])
-        while len(callers) < parts:
-            callers.append(caller_of(getattr(self._loops, name)))
+        if not (callers := self._callers.setdefault((name, parts), [])):
+            callers += [caller_of(getattr(self._loops, name)) for _ in range(parts)]
         try:
             if parts == 1:
                 callers[0](*arguments)
@@ -280,6 +274,7 @@ class Batch:
         except Untraceable as error:
             self._warn(error)
             self._loops, self._callers, self._parts = loops_of(self.system._replace(compiled=False)), {}, 1
+            self._is_program, self._few = False, None
             getattr(self._loops, name)(*arguments)
             return
         Threads.run(calls[0][0], [address for _, address in calls])
@@ -296,8 +291,9 @@ class Batch:
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`, that nobody else holds."""
-        shape, shape_of_outcomes = self._shapes
-        return np.empty(shape, np.float32), np.empty(shape_of_outcomes)
+        (count, width), (rows, _) = self._shapes
+        whole = len(self._keys) * TILE  # loops write whole tiles
+        return np.empty((whole, width), np.float32)[:count], np.empty((rows, whole + TILE))[:, :count]
 
     def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Advance all environments by one step.
@@ -309,26 +305,36 @@ class Batch:
             Observations, shape (N, K), and outcomes, shape (m, N), with a row for each field of `Judgement` after one for the
             reward, and for each term's share if asked for. Both are new arrays.
         """
-        if self.num_envs > 1 and not actions.flags.carray:  # the loop would be compiled anew for each kind of array
-            actions = actions.copy()
-        if self._few is not None:
-            return self._few(actions)
+        copies = self._copies or not actions.flags.carray
+        if copies:
+            self._given[:] = actions
+        if self._few:
+            shown, told, call, address = self._few
+            call(address)
+            return shown.copy(), told.copy()
+        actions = self._asked if copies else actions.reshape(-1)
         observations, outcomes = self.empty()
         if not self._parallel or Threads.limit == 1 or Threads.count() == 1:
             self._parts = 1
-            if self._tracks is not None:
-                self._tracks.step(1, actions, observations, outcomes)
-            else:  # a debugger finds the plant four calls below a step of the environment
-                state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
-                if isinstance(self._loops.step, Program):
-                    self._run("step", 1, actions, *state)
-                else:  # a debugger finds the plant four calls below a step of the environment
-                    self._loops.step(actions, *state)
+            state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
+            if not self._is_program:  # a debugger finds the plant four calls below a step of the environment
+                self._loops.step(actions, *state)
+            elif alone := self._callers.get(("step", 1)):  # after the first step
+                alone[0].again(((0, actions), (5, observations), (6, outcomes.base)))
+            else:
+                self._run("step", 1, actions, *state)
+                if self._few is not None:
+                    self._bind_few()
         else:
             self._step_at_pace(actions, observations, outcomes)
         if self._history is not None:
             self._history.advance(observations)
         return observations, outcomes
+
+    def _bind_few(self) -> None:
+        """Keep arrays that each step uses again, and the call that uses them."""
+        state, results = (self._tiles, self._keys, self._parameters, self.waypoints), self.empty()
+        self._few = *results, *self._callers["step", 1][0].prepared(self._asked, *state, *results, self.scenes)
 
     def _step_at_pace(
         self, actions: NDArray[np.float32], observations: NDArray[np.float32], outcomes: NDArray[np.float64]
@@ -348,17 +354,14 @@ class Batch:
     def _step_parts(
         self, parts: int, actions: NDArray[np.float32], observations: NDArray[np.float32], outcomes: NDArray[np.float64]
     ) -> None:
-        if self._tracks is not None:
-            self._tracks.step(parts, actions, observations, outcomes)
-            return
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         self._run("step", parts, actions, *state)
 
     def is_flagged(self) -> bool:
         """Return whether the last step has set a flag of any environment: success, termination or truncation."""
-        if self._tracks is not None:
-            return self._tracks.is_flagged(self._parts)
         parts, last = self._parts, len(self._keys)
+        if parts == 1:
+            return self._keys[-1, TILE + 1] > 0
         return any(self._keys[(part + 1) * last // parts - 1, TILE + 1] > 0 for part in range(parts))
 
     def numbers(self, path: str) -> NDArray[np.float64]:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from turtlebot_gym import kernel
+from turtlebot_gym.compiled import native
 from turtlebot_gym.compiled.expressions import IN_PLACE, Span
-from turtlebot_gym.compiled.graph import Untraceable
 from turtlebot_gym.compiled.statements import put
-from turtlebot_gym.compiled.values import HALF, LOW, MAGIC, MEMORY, Address, Array, Number, is_constant, kind_of
+from turtlebot_gym.compiled.values import HALF, LOW, MAGIC, MEMORY, Address, Array, Number, Untraceable, is_constant, kind_of
 
 
 def _stands_for(*functions: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -82,7 +83,7 @@ IN_PLACE[math.floor], IN_PLACE[math.ceil] = _rounded("floor"), _rounded("ceil")
 
 @_stands_for(kernel.floor, np.floor)
 def _floor(body: Any, x: Any) -> Any:
-    return body.code.binary("+", body.code.intrinsic("floor", x), 0.0)
+    return body.code.intrinsic("floor", x)
 
 
 @_stands_for(math.isnan)
@@ -125,7 +126,12 @@ def _exact(code: Any, bits: str, less: int) -> Number:
 
 @_stands_for(kernel.exactly)
 def _exactly(body: Any, n: Any) -> Any:
-    return float(n) if is_constant(n) else _exact(body.code, body.code.as_kind(n, "i"), 0)
+    if is_constant(n):
+        return float(n)
+    code, name = body.code, body.code.as_kind(n, "i")
+    if native.has("avx512dq"):
+        return code.number("f", f"uitofp nneg i64 {name} to double")
+    return code.intrinsic("fabs", _exact(code, name, 0))  # so LLVM knows, too, that it is not negative
 
 
 @_stands_for(kernel.split)
@@ -134,6 +140,10 @@ def _split(body: Any, x: Any) -> Any:
     bits = code.put(f"bitcast double {code.as_kind(x, 'f')} to i64")
     half = code.put(f"or i64 {code.put(f'and i64 {bits}, {LOW}')}, {HALF}")
     return code.number("f", f"bitcast i64 {half} to double"), _exact(code, code.put(f"lshr i64 {bits}, 52"), 1022)
+
+
+IN_PLACE[kernel.thread] = lambda body: body.code.number("i", "call i64 @thread()")
+IN_PLACE[kernel.threads] = lambda body: body.code.number("i", "call i64 @threads()")
 
 
 @_stands_for(kernel.is_plain)
@@ -155,8 +165,9 @@ def _fetch(body: Any, array: Array, index: Any) -> None:
 
 
 @_stands_for(kernel.compiled_scratch)
-def _scratch(body: Any, size: int) -> Array:
-    return Array("float64", Address(body.code.room("double", int(size), 64)), (int(size),), (8,))
+def _scratch(body: Any, size: int, element: str = "float64") -> Array:
+    kind, width, _ = MEMORY[element]
+    return Array(element, Address(body.code.room(kind, int(size), 64)), (int(size),), (width,))
 
 
 @_stands_for(len)
@@ -167,6 +178,11 @@ def _length(body: Any, value: Any) -> Any:
 @_stands_for(range)
 def _range(body: Any, *bounds: Any) -> Span:
     return Span(0, bounds[0], 1) if len(bounds) == 1 else Span(bounds[0], bounds[1], bounds[2] if len(bounds) > 2 else 1)
+
+
+@_stands_for(kernel.lanes)
+def _lanes(body: Any, count: Any) -> Span:
+    return Span(0, count, 1, True)
 
 
 @_stands_for(getattr)
@@ -259,8 +275,17 @@ def _reshape(body: Any, array: Array, *lengths: Any) -> Array:
 IN_PLACE["copy"], IN_PLACE["fill"], IN_PLACE["reshape"] = _copy, _fill, _reshape
 
 
-def register_access(load: Callable[..., Any], store: Callable[..., Any], example: Any, places: Sequence[int]) -> None:
-    """Let translated kernels load and store a value, each of whose numbers has a place relative to ``at``."""
+def register_access(
+    load: Callable[..., Any],
+    store: Callable[..., Any],
+    example: Any,
+    places: Sequence[int],
+    constants: Mapping[int, float] = MappingProxyType({}),
+) -> None:
+    """Let translated kernels load and store a value, each of whose numbers has a place relative to ``at``.
+
+    Those with one place are equal, and those of ``constants`` never change: both are stored once, or not at all.
+    """
 
     def emit_load(body: Any, buffer: Array, at: Any) -> Any:
         code, rest = body.code, iter(places)
@@ -269,20 +294,24 @@ def register_access(load: Callable[..., Any], store: Callable[..., Any], example
             if isinstance(like, tuple):
                 items = [number(item) for item in like]
                 return type(like)(*items) if hasattr(like, "_fields") else tuple(items)
-            value = code.load(_at(code, buffer, at, next(rest)))
+            place = next(rest)
+            if place in constants:
+                return type(like)(constants[place])
+            value = code.load(_at(code, buffer, at, place))
             return code.compare("!=", value, 0.0, "f") if isinstance(like, bool) else value
 
         return number(example)
 
     def emit_store(body: Any, buffer: Array, at: Any, value: Any) -> None:
-        code, rest = body.code, iter(places)
+        code, rest, done = body.code, iter(places), set(constants)
 
         def write(part: Any) -> None:
             if isinstance(part, tuple) and not isinstance(part, Number):
                 for item in part:
                     write(item)
-            else:
-                code.store(_at(code, buffer, at, next(rest)), part)
+            elif (place := next(rest)) not in done:
+                done.add(place)
+                code.store(_at(code, buffer, at, place), part)
 
         write(value)
 
@@ -290,5 +319,6 @@ def register_access(load: Callable[..., Any], store: Callable[..., Any], example
 
 
 def _at(code: Any, buffer: Array, at: Any, place: int) -> Array:
-    moved = code.moved(code.moved(buffer.address, at, 8), place, 8)
+    (stride,) = buffer.strides
+    moved = code.moved(code.moved(buffer.address, at, stride), place, stride)
     return Array(buffer.element, moved, (), ())

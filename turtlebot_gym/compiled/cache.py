@@ -76,15 +76,17 @@ def in_machine_code(name: str) -> Callable[[F], F]:
     return decorate
 
 
-def compiled(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+def compiled(function: Callable[..., Any], name: str, about: str = "", level: int = 3) -> Callable[..., Any]:
     """Return a function as machine code, which is made at its first call, unless the cache holds it.
 
     Args:
         function: Its globals and its closure hold kernels and numbers, which become a part of it.
         name: What it does, for the notice on a terminal and the name of its file.
+        about: What its machine code depends on besides.
+        level: How much LLVM has to optimize it, from 1 to 3.
     """
     if not HAS_LLVM:  # it runs as plain Python
         return function
     from turtlebot_gym.compiled.program import MAKERS, Program
 
-    return Program(function, name, f"{name} {fingerprint(function)} {sources_of(*MAKERS)}")
+    return Program(function, name, f"{name} {about} {level} {fingerprint(function)} {sources_of(*MAKERS)}", level)

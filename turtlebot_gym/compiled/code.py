@@ -13,13 +13,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from turtlebot_gym.compiled.graph import Untraceable
 from turtlebot_gym.compiled.values import (
     LLVM,
     MEMORY,
     Address,
     Array,
     Number,
+    Untraceable,
     constant,
     is_constant,
     kind_of,
@@ -58,16 +58,39 @@ class Module:
     def __init__(self) -> None:
         self.functions: list[str] = []
         self.declared: set[str] = set()
+        self.types: dict[tuple[str, ...], str] = {}
         self.wide = False
         """Whether loops ask for the widest vectors."""
+        self.notes: list[str] = []
+        """Metadata: of loops whose rounds share nothing."""
         self._count = itertools.count()
 
     def fresh(self, name: str) -> str:
         return f"{name}{next(self._count)}"
 
+    def structure(self, kinds: Sequence[str]) -> str:
+        """Return the name of a type for several numbers."""
+        return self.types.setdefault(tuple(kinds), f"%t{len(self.types)}") if kinds else "void"
+
     def text(self) -> str:
         wide = ' "prefer-vector-width"="512"' if self.wide else ""
-        return "\n".join([*self.functions, *sorted(self.declared), f"attributes #0 = {{ nounwind{wide} }}", ""])
+        notes = [f"!{at} = {text}" for at, text in enumerate(self.notes)]
+        types = [f"{name} = type {{ {', '.join(kinds)} }}" for kinds, name in self.types.items()]
+        return "\n".join([*types, *self.functions, *sorted(self.declared), f"attributes #0 = {{ nounwind{wide} }}", *notes, ""])
+
+    def note(self, text: str) -> int:
+        """Return the number of new metadata."""
+        self.notes.append(text)
+        return len(self.notes) - 1
+
+    def independent(self) -> tuple[str, str]:
+        """Return what marks memory that the rounds of a loop do not share, and what marks its jump back."""
+        group, loop = self.note("distinct !{}"), len(self.notes) + 3
+        parts = [f'!{{!"llvm.loop.parallel_accesses", !{group}}}', '!{!"llvm.loop.vectorize.enable", i1 true}']
+        parts.append('!{!"llvm.loop.vectorize.width", i32 8}')
+        inner = ", ".join(f"!{self.note(part)}" for part in parts)
+        self.note(f"distinct !{{!{loop}, {inner}}}")
+        return f", !llvm.access.group !{group}", f", !llvm.loop !{loop}"
 
 
 class Code:
@@ -84,10 +107,13 @@ class Code:
         self.entry: list[str] = []
         """Instructions at the beginning: room for variables."""
         self.block, self.alive = "entry", True
+        self.group = ""
+        """Mark of memory in a loop whose rounds share nothing."""
 
     def do(self, text: str) -> None:
         if self.alive:
-            self.lines.append(f"  {text}")
+            touches = self.group and ("load " in text or "store " in text or ("call " in text and "@llvm" not in text))
+            self.lines.append(f"  {text}{self.group if touches else ''}")
 
     def put(self, text: str) -> str:
         name = self.module.fresh("%v")
@@ -138,8 +164,10 @@ class Code:
         if kind == "b":
             zero = "icmp ne i64 {}, 0" if own == "i" else f"fcmp une {given} {{}}, 0.0"
             return self.put(zero.format(value.name))
+        if own == "b" and kind in "fs":
+            return self.put(f"select i1 {value.name}, {to} 1.0, {to} 0.0")
         verb = {
-            "bi": "zext", "bf": "uitofp", "bs": "uitofp", "if": "sitofp", "is": "sitofp", "fi": "fptosi", "si": "fptosi",
+            "bi": "zext", "if": "sitofp", "is": "sitofp", "fi": "fptosi", "si": "fptosi",
             "sf": "fpext", "fs": "fptrunc",
         }[own + kind]  # fmt: skip
         return self.put(f"{verb} {given} {value.name} to {to}")

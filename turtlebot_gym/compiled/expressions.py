@@ -8,16 +8,17 @@ from functools import partial
 from types import FunctionType, MethodType
 from typing import Any, NamedTuple
 
-from turtlebot_gym.compiled.graph import Untraceable
 from turtlebot_gym.compiled.values import (
     Array,
     Number,
+    Untraceable,
     as_runtime,
     is_number,
     kinds_of,
     leaves,
     merged_form,
     rebuilt,
+    renamed,
 )
 
 OPERATORS = {
@@ -35,6 +36,8 @@ class Span(NamedTuple):
     start: Any
     stop: Any
     step: Any
+    independent: bool = False
+    """Whether the rounds share nothing."""
 
 
 def of_Constant(body: Any, node: ast.Constant) -> Any:
@@ -203,7 +206,7 @@ def either(body: Any, condition: Number, then: Callable[[], Any], other: Callabl
         code.put(f"phi {kind} [ {a}, %{ways[0][2]} ], [ {b}, %{ways[1][2]} ]")
         for kind, a, b in zip(kinds_of(form), *names, strict=True)
     )
-    return rebuilt(form, lambda leaf: leaf._replace(name=next(chosen)))
+    return renamed(form, lambda: next(chosen))
 
 
 def of_Call(body: Any, node: ast.Call) -> Any:
@@ -228,7 +231,7 @@ def of_Call(body: Any, node: ast.Call) -> Any:
         return result
     if isinstance(function, type) and issubclass(function, tuple):
         return function(*arguments, **named)
-    if not any(True for _ in leaves((*arguments, *named.values()))):
+    if not leaves((*arguments, *named.values())):
         return function(*arguments, **named)
     return body.refuse(node, Untraceable(f"the function {function!r}"))
 

@@ -1,4 +1,4 @@
-"""The compiled loops of rooms: many environments in one buffer, advanced by the same kernels that plain Python runs.
+"""The compiled loops: many environments in one buffer, advanced by the same kernels that plain Python runs.
 
 A tile is stepped in vectors up to looking, since its kernels have no branches and call no library, and then one by one;
 threads share the tiles. Nothing is reordered or contracted (`kernel.algebra` says what is left out), so no bit of a result
@@ -7,16 +7,18 @@ depends on the vector width, the number of threads or the batch.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from turtlebot_gym.compiled.builtins import register_access
 from turtlebot_gym.compiled.cache import compiled
-from turtlebot_gym.compiled.packing import TILE, Packing, layout_of
+from turtlebot_gym.compiled.packing import TILE, Packing, layout_of, packing
 from turtlebot_gym.compiled.plain import plain_loops
-from turtlebot_gym.compiled.step import step_of
-from turtlebot_gym.kernel import HAS_LLVM, compiled_scratch, kernel, prefer_wide
+from turtlebot_gym.compiled.proof import Case, own_of, reduced
+from turtlebot_gym.compiled.step import NOWHERE, step_of
+from turtlebot_gym.kernel import HAS_LLVM, compiled_scratch, kernel, lanes, prefer_wide
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.observations import ColumnRun, SceneColumns, observing, runs_of
@@ -31,6 +33,8 @@ class Loops(NamedTuple):
     """The functions of a system that step and reset some tiles; compiled ones are compiled at their first call."""
 
     world: Packing
+    constants: Mapping[int, float]
+    """What stands at the places of numbers that never change, which compiled loops neither read nor write."""
     step: Callable[..., None]
     """Advances some tiles. After the keys of a tile come its own number, and how many flags are set in it and those before."""
     reset: Callable[..., None]
@@ -53,15 +57,28 @@ class _Access(NamedTuple):
     """Numbers in the scratch."""
 
 
-def _inline(pack: Packing) -> Packing:
-    """Let compiled loops inline a packing's load and store."""
-    register_access(pack.load, pack.store, pack.example, [place * TILE for place in pack.places])
+def _inline(pack: Packing, constants: Mapping[int, float] = MappingProxyType({})) -> Packing:
+    """Let compiled loops inline a packing's load and store; ``constants`` stand at some places."""
+    places = [place * TILE for place in pack.places]
+    register_access(pack.load, pack.store, pack.example, places, {place * TILE: value for place, value in constants.items()})
     return pack
 
 
+def _parameters_of(system: System, case: Case) -> tuple[Packing, dict[int, float]]:
+    """Return the layout of parameters of which some are part of the code."""
+    pack, fixed, own = layout_of(system).parameters, dict(case.fixed), own_of(system, case)
+    places = [own.index(name) if name not in fixed else len(own) + list(fixed).index(name) for name in pack.names]
+    return packing(pack.example, places), dict(enumerate(fixed.values(), len(own)))
+
+
 @cache
-def _access_of(system: System) -> _Access:
-    parameters, world, outcome, observation = map(_inline, layout_of(system))
+def access_of(system: System, case: Case | None) -> _Access:
+    parameters, world, outcome, observation = layout_of(system)
+    if case is None:
+        parameters, world = _inline(parameters), _inline(world)
+    else:
+        parameters, world = _inline(*_parameters_of(system, case)), _inline(*reduced(system, case))
+    outcome, observation = _inline(outcome), _inline(observation)
     observe, store_observation = observing(system.terms), observation.store
 
     @kernel
@@ -105,12 +122,60 @@ def _show_runs_of(runs: tuple[ColumnRun, ...]) -> Callable[..., None]:
     return show_runs
 
 
+def _open_tile_of(system: System, case: Case) -> Callable[..., int]:
+    """Return the kernel that advances a tile of environments on open ground: in vectors, but for new waypoints."""
+    step = step_of(system)
+    act, conclude, retarget, start_outcome, number_of_waypoints = *step[1:], case.waypoints
+    load_parameters, load_world, store_world, _, show, at_outcome, *_ = access_of(system, case)
+    show_runs, reached, distance = _show_runs_of(runs_of(system.terms)[0]), *map(Outcome._fields.index, ("reached", "distance"))
+    shares = case.shares
+
+    @kernel
+    def tell(told, lane, outcome):
+        row = 0
+        for number in (*outcome[:-1], *outcome.shares) if shares else outcome[:-1]:
+            told[row, lane] = number
+            row += 1  # noqa: SIM113  # enumerate is not translated
+
+    @kernel
+    def step_tile(first, count, actions, tile, keys, parameters, origin, waypoints, observations, outcomes, scenes):
+        """Advance the ``count`` environments of a tile whose first environment is ``first``; return how many have flags."""
+        asked, told, shown = actions[2 * first :], outcomes[:, first:], observations[first:]
+        scratch, flagged, arrived = compiled_scratch(at_outcome, "float32"), 0, 0
+        for lane in lanes(TILE):
+            p, key, world = load_parameters(parameters, origin + lane), int(keys[lane]), load_world(tile, lane)
+            command = command_of(asked[2 * lane], asked[2 * lane + 1], p.robot)
+            world, outcome = conclude(world, act(world, command, key, p), key, number_of_waypoints, p, ())
+            if number_of_waypoints == 1:  # it stays
+                goal = (world.course.reference,)
+                world, outcome = retarget(world, outcome, key, goal, p, ()) if outcome.reached else (world, outcome)
+            else:
+                arrived += outcome.reached
+            store_world(tile, lane, world)
+            tell(told, lane, outcome)
+            show(scratch, lane, world, p)
+            flagged += (outcome.is_success | outcome.terminated | outcome.truncated) & (lane < count)
+        if arrived > 0:
+            for lane in range(count):
+                if told[reached, lane] != 0.0:
+                    p, key, world = load_parameters(parameters, origin + lane), int(keys[lane]), load_world(tile, lane)
+                    world, outcome = retarget(world, start_outcome(world), key, waypoints[first + lane], p, ())
+                    store_world(tile, lane, world)
+                    told[distance, lane] = outcome.distance
+                    show(scratch, lane, world, p)
+        for lane in range(count):
+            show_runs(scratch, lane, shown[lane])
+        return flagged
+
+    return step_tile
+
+
 def _look_round_tile_of(system: System) -> Callable[..., None]:
     """Return the kernel of a tile's steps in surroundings: in vectors up to looking, and then one by one."""
     step, around = step_of(system), system.surroundings
     assert around is not None
     act, conclude, retarget, scene_at = step.act, step.conclude, step.retarget, around.at
-    load_parameters, load_world, store_world, store_outcome, show, at_outcome, at_action, _ = _access_of(system)
+    load_parameters, load_world, store_world, store_outcome, show, at_outcome, at_action, _ = access_of(system, None)
     show_blocks, size = _show_blocks_of(runs_of(system.terms)[1]), layout_of(system).world.size * TILE
 
     @kernel
@@ -137,7 +202,7 @@ def _look_round_tile_of(system: System) -> Callable[..., None]:
 
 def _step_tile_of(system: System) -> Callable[..., int]:
     """Return the kernel that advances a tile of environments."""
-    *_, at_outcome, at_action, size = _access_of(system)
+    *_, at_outcome, at_action, size = access_of(system, None)
     first_flag, end_of_flags, work_tile, n_outcome = (
         FLAGS.start,
         FLAGS.stop,
@@ -150,10 +215,10 @@ def _step_tile_of(system: System) -> Callable[..., int]:
     def step_tile(first, count, actions, tile, keys, parameters, origin, waypoints, observations, outcomes, scenes):
         """Advance the ``count`` environments of a tile whose first environment is ``first``; return how many flags are set."""
         scratch = compiled_scratch(size)
-        asked, shown = actions[first : first + count], observations[first : first + count]
+        shown = observations[first : first + count]
         for lane in range(count):
-            scratch[at_action + lane] = asked[lane, 0]
-            scratch[at_action + TILE + lane] = asked[lane, 1]
+            scratch[at_action + lane] = actions[2 * (first + lane)]
+            scratch[at_action + TILE + lane] = actions[2 * (first + lane) + 1]
         work_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes)
         for lane in range(count):
             show_runs(scratch, lane, shown[lane])
@@ -175,13 +240,11 @@ def _step_tile_of(system: System) -> Callable[..., int]:
     return step_tile
 
 
-def _reset_lane_of(system: System) -> Callable[..., None]:
+def _reset_lane_of(system: System, case: Case | None) -> Callable[..., None]:
     """Return the kernel that begins an episode of one environment, or writes its current observation."""
-    step, lay_out, around = step_of(system), system.lay_out, system.surroundings
-    begin, start_outcome = step.begin, step.start_outcome
-    assert around is not None
-    scene_at = around.at
-    load_parameters, load_world, store_world, store_outcome, show, at_outcome, _, size = _access_of(system)
+    step, lay_out, around = step_of(system), system.lay_out, system.surroundings or NOWHERE
+    begin, start_outcome, scene_at = step.begin, step.start_outcome, around.at
+    load_parameters, load_world, store_world, store_outcome, show, at_outcome, _, size = access_of(system, case)
     runs, blocks = runs_of(system.terms)
     show_runs, show_blocks = _show_runs_of(runs), _show_blocks_of(blocks)
 
@@ -209,13 +272,18 @@ def _reset_lane_of(system: System) -> Callable[..., None]:
 
 
 @cache
-def loops_of(system: System) -> Loops:
-    """Return the loops of a system in rooms, compiled, or of any in plain Python; processes share them through the cache."""
-    world = layout_of(system).world
-    if not (HAS_LLVM and system.compiled and system.surroundings):
-        return Loops(world, *plain_loops(system))
-    step_tile, reset_lane = _step_tile_of(system), _reset_lane_of(system)
-    width = layout_of(system).parameters.size * TILE
+def loops_of(system: System, case: Case | None = None) -> Loops:
+    """Return the loops of a system, compiled, or in plain Python; processes share them through the cache.
+
+    Args:
+        system: The system.
+        case: What loops of open ground are made for; None for plain Python, and for rooms.
+    """
+    if case is None and not (HAS_LLVM and system.compiled and system.surroundings):
+        return Loops(layout_of(system).world, {}, *plain_loops(system))
+    world, constants = reduced(system, case) if case else (layout_of(system).world, {})
+    step_tile, reset_lane = _open_tile_of(system, case) if case else _step_tile_of(system), _reset_lane_of(system, case)
+    width = (len(own_of(system, case)) if case else layout_of(system).parameters.size) * TILE
 
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         prefer_wide()
@@ -223,7 +291,7 @@ def loops_of(system: System) -> Loops:
         for at in range(len(tiles)):
             number = keys[at, TILE]
             origin = number * width if len(parameters) > width else 0
-            count = min(TILE, len(actions) - number * TILE)
+            count = min(TILE, len(observations) - number * TILE)
             tile, own = tiles[at], keys[at]
             flagged += step_tile(
                 number * TILE, count, actions, tile, own, parameters, origin, waypoints, observations, outcomes, scenes
@@ -244,4 +312,12 @@ def loops_of(system: System) -> Loops:
                         environment, lane, begins, tiles[at], key, parameters, origin, visited, observations, outcomes, scenes
                     )
 
-    return Loops(world, compiled(step_rows, "steps in rooms"), compiled(reset_rows, "resets in rooms"))
+    where = "on open ground" if case else "in rooms"
+    about = f"{case} {world.places}" if case else ""
+    step, reset = (2, 1) if case else (3, 3)
+    return Loops(
+        world,
+        constants,
+        compiled(step_rows, f"steps {where}", about, step),
+        compiled(reset_rows, f"resets {where}", about, reset),
+    )

@@ -34,7 +34,7 @@ def plain_loops(system: System) -> tuple[Callable[..., None], Callable[..., None
 
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         flagged = 0
-        for row, (forward, turn) in enumerate(actions.astype(np.float64).tolist()):
+        for row, (forward, turn) in enumerate(actions.reshape(-1, 2)[: len(observations)].tolist()):
             tile, lane, p, scene = parts(row, tiles, parameters, scenes)
             world, key = load_world(tile, lane), int(keys[row // TILE, lane])
             world, outcome = heart.step(system, world, command_of(forward, turn, p.robot), key, waypoints[row], p, scene)

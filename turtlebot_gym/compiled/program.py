@@ -8,27 +8,38 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
 from turtlebot_gym.compiled import builtins, native  # noqa: F401  # builtins fills a table
 from turtlebot_gym.compiled.code import Code
-from turtlebot_gym.compiled.graph import Untraceable
 from turtlebot_gym.compiled.translate import Translator
-from turtlebot_gym.compiled.values import Address, Array, Number, kinds_of, leaves, rebuilt
+from turtlebot_gym.compiled.values import Address, Array, Number, Untraceable, kinds_of, leaves, rebuilt
 
 _one_at_a_time = threading.Lock()
-MAKERS = ("values", "code", "scopes", "expressions", "statements", "translate", "builtins", "program", "native")
+MAKERS = ("syntax", "values", "code", "scopes", "expressions", "statements", "translate", "builtins", "program", "native")
 """Modules that make the machine code."""
+
+
+def _is_adjacent(value: np.ndarray) -> bool:
+    """Return whether the items of an array's rows are adjacent."""
+    return value.strides[-1:] == (value.itemsize,)
+
+
+def _address(array: np.ndarray) -> int:
+    """Return the address of an array, in a third of the time of ``array.ctypes`` if it has no gaps."""
+    flags = array.flags
+    buffer: Any = array
+    return ctypes.addressof(ctypes.c_char.from_buffer(buffer)) if flags.carray else array.ctypes.data
 
 
 def _form(value: Any) -> Any:
     """Return what stands for an argument of Python in the code."""
     if isinstance(value, np.ndarray):
         strides: list[Any] = [Number("i", "")] * value.ndim
-        if value.flags.c_contiguous and value.ndim:
+        if _is_adjacent(value):
             strides[-1] = value.itemsize
         return Array(value.dtype.name, Address(""), (Number("i", ""),) * value.ndim, tuple(strides))
     if isinstance(value, tuple):
@@ -46,7 +57,7 @@ def _form(value: Any) -> Any:
 def _signature(value: Any) -> Any:
     """Return what tells the form of an argument from others, in little time."""
     if isinstance(value, np.ndarray):
-        return value.dtype.char, value.ndim, value.flags.c_contiguous
+        return value.dtype.char, value.ndim, _is_adjacent(value)
     if isinstance(value, tuple):
         return (type(value), *map(_signature, value))
     return type(value)
@@ -57,7 +68,7 @@ def _words(value: Any) -> Iterator[int | float]:
     if isinstance(value, np.ndarray):
         yield value.ctypes.data
         yield from value.shape
-        yield from value.strides[: value.ndim - 1] if value.flags.c_contiguous else value.strides
+        yield from value.strides[:-1] if _is_adjacent(value) else value.strides
     elif isinstance(value, tuple):
         for item in value:
             yield from _words(item)
@@ -101,10 +112,19 @@ class Program:
         function: The function.
         name: What it does, for people.
         identity: Everything that its machine code is made of, except for types and processor.
+        level: How much LLVM has to optimize it, from 1 to 3.
+        build: ``build(text)`` returns the machine code of LLVM's text, in place of this processor's, which is kept in files.
     """
 
-    def __init__(self, function: Callable[..., Any], name: str, identity: str) -> None:
-        self._function, self._name, self._identity = function, name, identity
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        name: str,
+        identity: str,
+        level: int = 3,
+        build: Callable[[str], Callable[[int], None]] | None = None,
+    ) -> None:
+        self._function, self._name, self._identity, self._level, self._build = function, name, identity, level, build
         self._made: dict[Any, tuple[Callable[[int], None], Any]] = {}
 
     def __call__(self, *arguments: Any) -> Any:
@@ -121,10 +141,14 @@ class Program:
         if signature not in self._made:
             forms = tuple(map(_form, arguments))
             with _one_at_a_time:
+                if self._build:
+                    text, notes = text_of(self._function, forms)
+                    self._made[signature] = self._build(text), notes
+                    return self._made[signature]
                 code = native.code_of(
-                    self._name, f"{self._identity} {forms}", lambda: text_of(self._function, forms), optimized=True
+                    self._name, f"{self._identity} {forms}", lambda: text_of(self._function, forms), self._level
                 )
-                (entry,) = native.functions_of(code, "entry")
+                (entry,) = native.functions_of(code.machine_code, "entry")
             self._made[signature] = entry, code.notes
         return self._made[signature]
 
@@ -144,19 +168,29 @@ class Caller:
         call(address)
         return self._result()
 
+    def again(self, others: Sequence[tuple[int, np.ndarray]]) -> None:
+        """Repeat the last call with others in place of some arrays, by their index: they differ in nothing but the address."""
+        for at, array in others:
+            self._block[self._places[at]], self._arguments[at] = _address(array), None  # nobody holds results any longer
+        self._call(self._address)
+
     def prepared(self, *arguments: Any) -> tuple[Callable[[int], None], int]:
         """Return the machine code, and the address of its arguments, which this object holds until the next call."""
         old = self._arguments
-        if len(old) != len(arguments) or any(
-            new is not was and _signature(new) != signature
-            for new, was, signature in zip(arguments, old, self._signatures, strict=True)
-        ):
+        if len(old) != len(arguments):
             self._lay_out(arguments)
             return self._call, self._address
         for at, (new, was) in enumerate(zip(arguments, old, strict=True)):
-            if new is not was:
+            if new is was:
+                continue
+            if _signature(new) != self._signatures[at]:
+                self._lay_out(arguments)
+                break
+            if isinstance(was, np.ndarray) and new.shape == was.shape and new.strides == was.strides:
+                self._block[self._places[at]] = _address(new)
+            else:
                 self._write(self._places[at], new)
-                old[at] = new
+            old[at] = new
         return self._call, self._address
 
     def _lay_out(self, arguments: tuple[Any, ...]) -> None:
@@ -165,7 +199,7 @@ class Caller:
         sizes = [len(list(_words(value))) for value in arguments]
         self._places = [sum(sizes[:at]) for at in range(len(sizes))]
         self._end = sum(sizes)
-        size = self._end + len(list(leaves(self._form)))
+        size = self._end + len(leaves(self._form))
         self._block = (ctypes.c_int64 * max(size, 1))()
         self._floats = (ctypes.c_double * max(size, 1)).from_buffer(self._block)
         self._address = ctypes.addressof(self._block)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Sequence
-from typing import Any
+
+from turtlebot_gym.compiled.syntax import walk
 
 _Path = tuple[int, ...]
 """The statements around a block; -1 at the end of one that reads a variable before it assigns it."""
@@ -19,12 +20,8 @@ def blocks_of(statement: ast.stmt) -> list[list[ast.stmt]]:
 
 
 def _own(statement: ast.stmt) -> Iterator[ast.AST]:
-    """Yield the syntax of a statement, without the statements in it."""
-    stack: list[Any] = [child for child in ast.iter_child_nodes(statement) if not isinstance(child, ast.stmt)]
-    while stack:
-        node = stack.pop()
-        yield node
-        stack += ast.iter_child_nodes(node)
+    """Return the syntax of a statement, without the statements in it."""
+    return walk(*(child for child in ast.iter_child_nodes(statement) if not isinstance(child, ast.stmt)))
 
 
 def _names(nodes: Iterator[ast.AST], kind: type) -> set[str]:
@@ -73,4 +70,9 @@ def in_memory(function: ast.FunctionDef) -> set[str]:
 
 
 def has_loops(function: ast.FunctionDef) -> bool:
-    return any(isinstance(node, (ast.For, ast.While)) for node in ast.walk(function))
+    return any(isinstance(node, (ast.For, ast.While)) for node in walk(function))
+
+
+def returns_at_end(function: ast.FunctionDef) -> bool:
+    """Return whether a function returns in its last statement only."""
+    return isinstance(function.body[-1], ast.Return) and sum(isinstance(node, ast.Return) for node in walk(function)) == 1

@@ -79,7 +79,7 @@ def put(body: Any, place: Array, value: Any) -> None:
         body.code.store(place, value)
         return
     length = place.shape[0]
-    with Counting(body, length) as at:
+    with Counting(body, 0, length) as at:
         item = body.whole(body.code.item(value, (at,))) if isinstance(value, Array) else value
         put(body, body.code.item(place, (at,)), item)
 
@@ -154,12 +154,12 @@ def on_For(body: Any, node: ast.For) -> None:
         code.label(after)
         return
     if isinstance(items, Array):
-        with Counting(body, items.shape[0]) as at:
+        with Counting(body, 0, items.shape[0]) as at:
             assign(body, node.target, body.whole(code.item(items, (at,))))
             body.run(node.body)
         return
     assert isinstance(items, Span)
-    with Counting(body, items.stop, items.start, items.step) as at:
+    with Counting(body, *items) as at:
         assign(body, node.target, at)
         body.run(node.body)
 
@@ -167,11 +167,13 @@ def on_For(body: Any, node: ast.For) -> None:
 class Counting:
     """A loop over whole numbers."""
 
-    def __init__(self, body: Any, stop: Any, start: Any = 0, step: Any = 1) -> None:
+    def __init__(self, body: Any, start: Any, stop: Any, step: Any = 1, independent: bool = False) -> None:
         self._body, self._span = body, Span(start, stop, step)
+        self._outer = body.code.group
+        self._group, self._mark = body.code.module.independent() if independent else (self._outer, "")
 
     def __enter__(self) -> Number:
-        code, (start, stop, step) = self._body.code, self._span
+        code, (start, stop, step, _) = self._body.code, self._span
         names = [code.module.fresh(name) for name in ("head", "body", "next", "after")]
         self._labels = head, inner, following, after = names[0], names[1], names[2], names[3]
         self._room = code.room("i")
@@ -188,6 +190,7 @@ class Counting:
         code.fork(goes_on, inner, after)
         code.label(inner)
         self._body.loops.append(Loop(after, following))
+        code.group = self._group
         return at
 
     def __exit__(self, *error: object) -> None:
@@ -198,6 +201,8 @@ class Counting:
         code.jump(following)
         code.label(following)
         now = code.put(f"load i64, ptr {self._room}, align 8")
+        code.group = self._outer
         code.do(f"store i64 {code.put(f'add nsw i64 {now}, {self._step}')}, ptr {self._room}, align 8")
-        code.jump(head)
+        code.do(f"br label %{head}{self._mark}")
+        code.alive = False
         code.label(after)

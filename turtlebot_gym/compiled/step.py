@@ -1,4 +1,4 @@
-"""The step of a system in rooms as kernels that the compiled loops call: the parts of `turtlebot_gym.heart.step`.
+"""The step of a system as kernels that the compiled loops call: the parts of `turtlebot_gym.heart.step`.
 
 Its first part has no branches and runs for a whole tile of environments at once.
 """
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.rewards import rewarding
-from turtlebot_gym.systems import System
+from turtlebot_gym.systems import RoomParts, System
 from turtlebot_gym.systems.sensors import looking, sensing
 from turtlebot_gym.systems.system import course_after
 from turtlebot_gym.systems.world import Course, Judgement, Outcome, Snapshot, outcome_of
@@ -51,14 +51,23 @@ def _scan_unread(estimate: Any, before: Any, senses: Any, unread: Any, p: Any, r
     return unread
 
 
+NOWHERE = RoomParts(
+    make=lambda parameters: (),
+    at=kernel(lambda scenes, index: ()),
+    first_look=kernel(lambda world, key, p, scene: ()),
+    look=kernel(lambda world, key, p, scene: ()),
+    complete=kernel(lambda world, judgement, p: judgement),
+)
+"""What stands for surroundings on open ground."""
+
+
 @cache
 def step_of(system: System) -> Step:
     """Return the step of a system in rooms."""
     start, move, judge, first_estimate = system.start, system.move, system.judge, system.first_estimate
     (first_sense, sense), look_around = sensing(system.sensors), looking(system.sensors)
     reward_of, no_shares = rewarding(system.rewards)
-    around, scan_estimate = system.surroundings, system.estimate
-    assert around is not None
+    around, scan_estimate = system.surroundings or NOWHERE, system.estimate
     first_look, look, complete, renew = around.first_look, around.look, around.complete, around.renew or _goal_unchanged
     estimate_of = _estimate_unchanged if system.reads_scan else system.estimate
 

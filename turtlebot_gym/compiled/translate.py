@@ -6,6 +6,7 @@ Each kernel becomes a function, once for each form of its arguments: nested tupl
 from __future__ import annotations
 
 import ast
+import operator
 from collections.abc import Callable, Sequence
 from functools import cache
 from types import FunctionType
@@ -13,13 +14,13 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.compiled import expressions, statements
 from turtlebot_gym.compiled.code import Code, Module
-from turtlebot_gym.compiled.graph import Untraceable
-from turtlebot_gym.compiled.scopes import has_loops, in_memory
-from turtlebot_gym.compiled.trace import syntax_of
+from turtlebot_gym.compiled.scopes import has_loops, in_memory, returns_at_end
+from turtlebot_gym.compiled.syntax import syntax_of
 from turtlebot_gym.compiled.values import (
     Address,
     Array,
     Number,
+    Untraceable,
     as_runtime,
     is_number,
     key_of,
@@ -27,7 +28,8 @@ from turtlebot_gym.compiled.values import (
     kinds_of,
     leaves,
     merged_form,
-    rebuilt,
+    named_of,
+    renamed,
 )
 
 _NOTHING: Any = object()
@@ -59,9 +61,9 @@ class Made(NamedTuple):
 
 
 @cache
-def _tree(function: FunctionType) -> tuple[ast.FunctionDef, frozenset[str], bool]:
+def _tree(function: FunctionType) -> tuple[ast.FunctionDef, frozenset[str], bool, bool]:
     tree = syntax_of(function)
-    return tree, frozenset(in_memory(tree)), has_loops(tree)
+    return tree, frozenset(in_memory(tree)), has_loops(tree), returns_at_end(tree)
 
 
 class Translator:
@@ -77,16 +79,16 @@ class Translator:
         function = vars(function).get("in_loops", function)
         made = self.function(function, arguments)
         both = made.result, made.owners
-        given = [f"{kind} {leaf.name}" for kind, leaf in zip(kinds_of(tuple(arguments)), leaves(tuple(arguments)), strict=True)]
+        given = named_of(tuple(arguments))
         kinds = kinds_of(both)
-        result = f"{{ {', '.join(kinds)} }}" if kinds else "void"
+        result = code.module.structure(kinds)
         text = f"call {result} @{made.name}({', '.join(given)})"
         if not kinds:
             code.do(text)
             return both
         whole = code.put(text)
         numbers = iter(range(len(kinds)))
-        return rebuilt(both, lambda leaf: leaf._replace(name=code.put(f"extractvalue {result} {whole}, {next(numbers)}")))
+        return renamed(both, lambda: code.put(f"extractvalue {result} {whole}, {next(numbers)}"))
 
     def function(self, function: FunctionType, arguments: Sequence[Any]) -> Made:
         """Return the translation of a kernel for arguments of some form."""
@@ -108,13 +110,13 @@ class Body:
 
     def __init__(self, translator: Translator, function: FunctionType, arguments: Sequence[Any], forms: dict[str, Any]) -> None:
         self.translator, self.function, self.forms = translator, function, forms
-        self.tree, self.in_memory, self.has_loops = _tree(function)
+        self.tree, self.in_memory, self.has_loops, self.is_simple = _tree(function)
         self.code = Code(translator.module, loose=getattr(function, "is_algebra", False))
         self.loops: list[statements.Loop] = []
         self.names: dict[str, Any] = {}
         self.owned: list[str] = []
         """Where the addresses of arrays stand that this function makes."""
-        self.parameters = [rebuilt(value, lambda leaf: leaf._replace(name=self.code.module.fresh("%a"))) for value in arguments]
+        self.parameters = [renamed(value, lambda: self.code.module.fresh("%a")) for value in arguments]
         cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
         self.closure = {name: cell.cell_contents for name, cell in cells}
 
@@ -129,10 +131,9 @@ class Body:
         for name, value in zip(names, self.parameters, strict=True):
             self.bind(name, value)
         body = tree.body
-        simple = isinstance(body[-1], ast.Return) and sum(isinstance(node, ast.Return) for node in ast.walk(tree)) == 1
-        self.exit = "" if simple else code.module.fresh("exit")
+        self.exit = "" if self.is_simple else code.module.fresh("exit")
         result: Any = None
-        if simple:
+        if self.is_simple:
             self.run(body[:-1])
             last = body[-1]
             assert isinstance(last, ast.Return)
@@ -144,22 +145,18 @@ class Body:
             code.label(self.exit)
             result = self.read("return") if "return" in self.names else None
         owners = self.free_all_but([leaf for leaf in leaves(result) if isinstance(leaf, Address)])
-        found, kinds = list(leaves((result, owners))), kinds_of((result, owners))
-        whole = f"{{ {', '.join(kinds)} }}" if kinds else "void"
+        found, kinds = leaves((result, owners)), kinds_of((result, owners))
+        whole = code.module.structure(kinds)
         value = "poison"
         for at, (kind, leaf) in enumerate(zip(kinds, found, strict=True)):
             value = code.put(f"insertvalue {whole} {value}, {kind} {leaf.name}, {at}")
         code.do(f"ret {whole} {value}" if kinds else "ret void")
         name = code.module.fresh(f"{self.function.__name__.strip('<>')}.")
-        given = ", ".join(
-            f"{kind} {leaf.name}"
-            for value in self.parameters
-            for kind, leaf in zip(kinds_of(value), leaves(value), strict=True)
-        )
+        given = ", ".join(named_of(tuple(self.parameters)))
         inline = "" if self.has_loops else "alwaysinline "
         lines = ["entry:", *code.entry, "  br label %start", "start:", *code.lines]
         code.module.functions.append(f"define internal {whole} @{name}({given}) {inline}#0 {{\n" + "\n".join(lines) + "\n}")
-        return Made(name, *rebuilt((result, owners), lambda leaf: leaf._replace(name="")))
+        return Made(name, *renamed((result, owners), str))
 
     # Memory
 
@@ -222,7 +219,7 @@ class Body:
         """Return the value of a variable in memory."""
         room, code = self.names[name], self.code
         kinds, places = iter(kinds_of(room.form)), iter(room.names)
-        return rebuilt(room.form, lambda leaf: leaf._replace(name=code.put(f"load {next(kinds)}, ptr {next(places)}")))
+        return renamed(room.form, lambda: code.put(f"load {next(kinds)}, ptr {next(places)}"))
 
     def name(self, name: str) -> Any:
         """Return what a name stands for."""
@@ -283,9 +280,13 @@ class Body:
 
     def held(self, value: Any) -> Any:
         """Return a value with numbers in place of constants."""
+        if type(value) is Number:
+            return value
         if is_number(value):
             return self.code.converted(value, kind_of(value))
         if isinstance(value, tuple) and not isinstance(value, (Number, Array, Address)):
             items = [self.held(item) for item in value]
+            if all(map(operator.is_, items, value)):
+                return value
             return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
         return value

@@ -6,12 +6,15 @@ Kinds of numbers are "f" (double), "s" (float), "i" (64-bit integer) and "b" (tr
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.compiled.graph import Untraceable
+
+class Untraceable(Exception):
+    """A kernel does what cannot be compiled; the message says what."""
+
 
 LLVM = {"f": "double", "s": "float", "i": "i64", "b": "i1", "p": "ptr"}
 """LLVM's types; "p" is an address."""
@@ -106,33 +109,39 @@ def wider(a: str, b: str) -> str:
     return "f" if "f" in (a, b) or "s" in (a, b) else "i"
 
 
-def leaves(value: Any) -> Iterator[Any]:
-    """Yield what is known when the code runs: numbers and addresses, in order."""
-    if isinstance(value, (Number, Address)):
-        yield value
-    elif isinstance(value, Array):
-        for part in value[1:]:
-            yield from leaves(part)
-    elif isinstance(value, tuple):
-        for item in value:
-            yield from leaves(item)
+def leaves(value: Any) -> list[Any]:
+    """Return what is known when the code runs: numbers and addresses, in order."""
+    found: list[Any] = []
+    rebuilt(value, found.append)
+    return found
 
 
 def kinds_of(value: Any) -> list[str]:
     """Return LLVM's types of the leaves of a value."""
-    return [LLVM["p" if isinstance(leaf, Address) else leaf.kind] for leaf in leaves(value)]
+    return [LLVM["p" if type(leaf) is Address else leaf[0]] for leaf in leaves(value)]
+
+
+def named_of(value: Any) -> list[str]:
+    """Return the leaves of a value, each with its type, as LLVM has them in an argument."""
+    return [f"ptr {leaf[0]}" if type(leaf) is Address else f"{LLVM[leaf[0]]} {leaf[1]}" for leaf in leaves(value)]
 
 
 def rebuilt(value: Any, leaf: Callable[[Any], Any]) -> Any:
     """Return a value with others for its leaves."""
-    if isinstance(value, (Number, Address)):
+    kind = type(value)
+    if kind is Number or kind is Address:
         return leaf(value)
-    if isinstance(value, Array):
-        return Array(value.element, *(rebuilt(part, leaf) for part in value[1:]))
+    if kind is Array:
+        return Array(value.element, *[rebuilt(part, leaf) for part in value[1:]])
     if isinstance(value, tuple):
         items = [rebuilt(item, leaf) for item in value]
-        return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+        return tuple(items) if kind is tuple else kind(*items)
     return value
+
+
+def renamed(value: Any, name: Callable[[], str]) -> Any:
+    """Return a value with other names of its leaves."""
+    return rebuilt(value, lambda leaf: Address(name()) if type(leaf) is Address else Number(leaf[0], name()))
 
 
 def as_runtime(value: Any) -> Any:

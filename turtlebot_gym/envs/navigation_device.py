@@ -10,9 +10,8 @@ import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.vector import AutoresetMode
 
-from turtlebot_gym.compiled.device import FLAGS, NUMBERS
-from turtlebot_gym.compiled.device_batch import DeviceBatch, Results
-from turtlebot_gym.compiled.graph import Untraceable
+from turtlebot_gym.compiled.gpu import FLAGS, NUMBERS, DeviceBatch, Results
+from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.config import choose, refusal, short_repr
 from turtlebot_gym.envs.common import read_options, with_limit
 from turtlebot_gym.envs.vector import SeededVectorEnv
@@ -21,8 +20,8 @@ from turtlebot_gym.systems import Options, Parameters, System, find_system
 if TYPE_CHECKING:
     from torch import Tensor
 
-WARP_ON_CPU = "warp-cpu"
-"""Name of the device on which Warp runs the kernels of a GPU on this processor."""
+ON_PROCESSOR = "torch-cpu"
+"""Name of the device on which the kernels of a GPU run on this processor."""
 CHECKED = 100
 """Steps after which the device is asked whether all actions were finite."""
 _REWARD, _DISTANCE = range(len(NUMBERS))
@@ -30,31 +29,30 @@ _SUCCESS, _TERMINATED, _TRUNCATED, _ENDED = range(len(FLAGS))
 
 
 def find_device(device: str) -> str:
-    """Return the name of a device that is there, as Warp and torch know it.
+    """Return the name of a device that is there, as torch knows it.
 
     Args:
-        device: "cuda", "cuda:1" and so on, or "warp-cpu".
+        device: "cuda", "cuda:1" and so on, or "torch-cpu".
 
     Raises:
         ValueError: If there is no such device.
-        ImportError: If Warp or torch is missing.
+        ImportError: If torch is missing.
     """
-    if device != WARP_ON_CPU and not (isinstance(device, str) and re.fullmatch(r"cuda(:\d+)?", device)):
-        raise ValueError(f"device must be 'cpu', 'cuda', 'cuda:1' and so on, or {WARP_ON_CPU!r}, got {short_repr(device)}.")
+    if device != ON_PROCESSOR and not (isinstance(device, str) and re.fullmatch(r"cuda(:\d+)?", device)):
+        raise ValueError(f"device must be 'cpu', 'cuda', 'cuda:1' and so on, or {ON_PROCESSOR!r}, got {short_repr(device)}.")
     try:
         import torch
-        import warp as wp
     except ImportError as error:
-        raise ImportError(f"device={device!r} needs Warp and torch: pip install 'turtlebot-gym[gpu]' ({error}).") from error
-    if device == WARP_ON_CPU:
+        raise ImportError(f"device={device!r} needs torch: pip install 'turtlebot-gym[gpu]' ({error}).") from error
+    if device == ON_PROCESSOR:
         return "cpu"
-    for library, count in (("Warp", wp.get_cuda_device_count()), ("torch", torch.cuda.device_count())):
-        if count <= int(device.partition(":")[2] or 0):
-            raise ValueError(
-                f"device={device!r} is not there: {library} finds {count or 'no'} CUDA device{'s'[: count != 1]}. "
-                "Leave device out, and the engine runs on this processor."
-            )
-    return wp.get_device(device).alias
+    count, number = torch.cuda.device_count(), int(device.partition(":")[2] or 0)
+    if count <= number:
+        raise ValueError(
+            f"device={device!r} is not there: torch finds {count or 'no'} CUDA device{'s'[: count != 1]}. "
+            "Leave device out, and the engine runs on this processor."
+        )
+    return f"cuda:{number}"
 
 
 def _refuse(device: str, system: System, info: str, render_mode: str | None, mode: AutoresetMode) -> None:
@@ -85,7 +83,7 @@ class NavigationDeviceEnv(SeededVectorEnv):
 
     Args:
         num_envs: Number of environments.
-        device: "cuda", "cuda:1" and so on; or "warp-cpu", the same kernels on this processor, slowly, for tests.
+        device: "cuda", "cuda:1" and so on; or "torch-cpu", the same kernels on this processor, slowly, for tests.
         max_episode_steps: Steps after which an episode is truncated; None for the task's own.
         autoreset_mode: NEXT_STEP or SAME_STEP of `gymnasium.vector.AutoresetMode`, or its name.
         info: "default"; others need the engine, like `render_mode`.
@@ -95,7 +93,7 @@ class NavigationDeviceEnv(SeededVectorEnv):
     Raises:
         ValueError: If an argument is out of its range, if the device is not there or cannot do what is asked.
         TypeError: If an argument is unknown.
-        ImportError: If Warp or torch is not installed.
+        ImportError: If torch is not installed.
     """
 
     def __init__(

@@ -26,7 +26,7 @@ def make_vector(num_envs: int = 1, *, device: str = "cpu", **options: Any) -> Ve
     Args:
         num_envs: Number of environments.
         device: "cpu" for the engine, see `NavigationVectorEnv`, which returns numpy's arrays; or a device on which everything
-            is a tensor of torch, see `NavigationDeviceEnv`: "cuda", "cuda:1" and so on, or "warp-cpu".
+            is a tensor of torch, see `NavigationDeviceEnv`: "cuda", "cuda:1" and so on, or "torch-cpu".
         **options: Those of the environment.
     """
     if device == "cpu":

@@ -6,6 +6,7 @@ a command acts one step late, as in the reference system.
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 from typing import NamedTuple
 
@@ -55,9 +56,9 @@ def limit(command: Command, robot: Robot) -> Command:
 def accelerate(before: Command, command: Command, robot: Robot, dt: float) -> Command:
     """Return the command as limited by acceleration within an interval, from the command in force before it."""
     dv, domega = robot.max_linear_acceleration * dt, robot.max_angular_acceleration * dt
-    return Command(
-        min(max(command.v, before.v - dv), before.v + dv), min(max(command.omega, before.omega - domega), before.omega + domega)
-    )
+    v = min(max(command.v, before.v - dv), before.v + dv) if dv < math.inf else command.v
+    omega = min(max(command.omega, before.omega - domega), before.omega + domega) if domega < math.inf else command.omega
+    return Command(v, omega)
 
 
 class _Displacement(NamedTuple):
