@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,21 +19,6 @@ if TYPE_CHECKING:
 GAP = 5.0
 """Ratio to the usual interval at which a gap interrupts a drive."""
 _UNKNOWN: Any = None
-_SHAPES: dict[str, tuple[int, ...]] = {
-    "true_state": (5,),
-    "odometry": (3,),
-    "estimate": (5,),
-    "covariance": (3, 3),
-    "reference": (3,),
-    "command": (2,),
-    "twist": (2,),
-    "nis": (),
-    "clearance": (),
-    "level": (),
-    "gyro": (),
-    "fix": (),
-    "tracks": (NEAREST, len(TRACK_BOUNDS[0])),
-}
 _LISTS = ("report", "circles", "hypotheses")
 
 
@@ -83,34 +68,34 @@ class Drive:
 
     time: NDArray[np.float64]
     """Shape (T,), s."""
-    true_state: NDArray[np.float64] = _UNKNOWN
+    true_state: Annotated[NDArray[np.float64], (5,)] = _UNKNOWN
     """True x, y, theta, v and omega, shape (T, 5); m, m, rad, m/s, rad/s. Poses of shape (T, 3) are taken, too."""
-    odometry: NDArray[np.float64] = _UNKNOWN
+    odometry: Annotated[NDArray[np.float64], (3,)] = _UNKNOWN
     """Measured pose, shape (T, 3); m, m, rad."""
-    estimate: NDArray[np.float64] = _UNKNOWN
+    estimate: Annotated[NDArray[np.float64], (5,)] = _UNKNOWN
     """Estimated state, shape (T, 5); m, m, rad, m/s, rad/s."""
-    covariance: NDArray[np.float64] = _UNKNOWN
+    covariance: Annotated[NDArray[np.float64], (3, 3)] = _UNKNOWN
     """Covariance of the estimated pose, shape (T, 3, 3)."""
-    reference: NDArray[np.float64] = _UNKNOWN
+    reference: Annotated[NDArray[np.float64], (3,)] = _UNKNOWN
     """Waypoint to reach, shape (T, 3); m, m, rad."""
-    command: NDArray[np.float64] = _UNKNOWN
+    command: Annotated[NDArray[np.float64], (2,)] = _UNKNOWN
     """Commanded speed and turning rate, shape (T, 2); m/s, rad/s."""
-    twist: NDArray[np.float64] = _UNKNOWN
+    twist: Annotated[NDArray[np.float64], (2,)] = _UNKNOWN
     """Speed and turning rate, measured by the wheels or commanded, shape (T, 2); m/s, rad/s. The twist of row k covers the
     interval from row k-1 to row k."""
     joined: NDArray[np.bool_] = _UNKNOWN
     """Whether a row continues the one before it, shape (T,). Rows that are far apart in time never do, nor does row 0."""
-    nis: NDArray[np.float64] = _UNKNOWN
+    nis: Annotated[NDArray[np.float64], ()] = _UNKNOWN
     """Normalized innovation squared of the newest measurement, shape (T,)."""
-    clearance: NDArray[np.float64] = _UNKNOWN
+    clearance: Annotated[NDArray[np.float64], ()] = _UNKNOWN
     """Distance from the footprint to the nearest surface, shape (T,), m."""
-    level: NDArray[np.float64] = _UNKNOWN
+    level: Annotated[NDArray[np.float64], ()] = _UNKNOWN
     """Level of the guard's report, shape (T,), as in ``diagnostic_msgs/DiagnosticStatus``."""
-    gyro: NDArray[np.float64] = _UNKNOWN
+    gyro: Annotated[NDArray[np.float64], ()] = _UNKNOWN
     """Turning rate measured by a gyro at each row, shape (T,), rad/s."""
-    fix: NDArray[np.float64] = _UNKNOWN
+    fix: Annotated[NDArray[np.float64], ()] = _UNKNOWN
     """Whether a fix arrived at each row, 1 or 0, shape (T,)."""
-    tracks: NDArray[np.float64] = _UNKNOWN
+    tracks: Annotated[NDArray[np.float64], (NEAREST, len(TRACK_BOUNDS[0]))] = _UNKNOWN
     """The nearest tracks that the robot observes, shape (T, 5, 8); m, m/s; see `turtlebot_gym.observations.TRACKS`."""
     report: tuple[str, ...] = ()
     """The guard's report at each row."""
@@ -132,12 +117,10 @@ class Drive:
         rows, steps = len(time), np.diff(time)
         near = np.zeros(rows, np.bool_)
         near[1:] = steps <= GAP * np.median(steps) if rows > 1 else True
-        filled: dict[str, Any] = {"time": time, "joined": near if self.joined is None else near & self.joined}
-        for name, shape in _SHAPES.items():
-            filled[name] = _filled(getattr(self, name), (rows, *shape))
-        filled["report"] = self.report or ("",) * rows
-        filled["circles"] = self.circles or (np.empty((0, 3)),) * rows
-        filled["hypotheses"] = self.hypotheses or (np.empty((0, 4)),) * rows
+        filled: dict[str, Any] = {name: _filled(getattr(self, name), (rows, *shape)) for name, shape in _SHAPES.items()}
+        filled |= {"time": time, "joined": near if self.joined is None else near & self.joined}
+        for name, none in (("report", ""), ("circles", np.empty((0, 3))), ("hypotheses", np.empty((0, 4)))):
+            filled[name] = getattr(self, name) or (none,) * rows
         for name, value in filled.items():
             object.__setattr__(self, name, value)
 
@@ -147,12 +130,11 @@ class Drive:
 
         Other names are ignored. ``time`` has shape (T,), s; ``rest`` are other fields.
         """
-        rows = list(rows)
-        columns = {
-            name: np.array([row.get(name, np.full(shape, np.nan)) for row in rows], np.float64).reshape(len(rows), *shape)
-            for name, shape in _SHAPES.items()
-            if any(name in row for row in rows)
-        }
+        rows, columns = list(rows), {}
+        for name, shape in _SHAPES.items():
+            if any(name in row for row in rows):
+                values = [row.get(name, np.full(shape, np.nan)) for row in rows]
+                columns[name] = np.array(values, np.float64).reshape(len(rows), *shape)
         return cls(time=np.asarray(time, np.float64), **columns, **rest)
 
     def __len__(self) -> int:
@@ -191,14 +173,23 @@ class Drive:
         return int(known(self.truth).sum()) >= 2
 
 
+_SHAPES: dict[str, tuple[int, ...]] = {
+    name: hint.__metadata__[0]
+    for name, hint in get_type_hints(Drive, include_extras=True).items()
+    if hasattr(hint, "__metadata__")
+}
+"""Shape of a row of each column of numbers."""
+
+
 def _filled(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return values as a column of a shape; where they are not given or lack the last components, NaN."""
-    values = None if values is None else np.asarray(values, np.float64, order="C")
-    if values is not None and values.shape == shape:
-        return values
     column = np.full(shape, np.nan)
-    if values is not None:
-        column[:, : values.shape[1]] = values
+    if values is None:
+        return column
+    values = np.asarray(values, np.float64, order="C")
+    if values.shape == shape:
+        return values
+    column[:, : values.shape[1]] = values
     return column
 
 

@@ -33,9 +33,9 @@ def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.0
     )
 
 
-def make(mode="rgb_array", *, waypoints=(), **options):
+def make(*, windows=False, waypoints=(), **options):
     parameters = make_parameters()._replace(**{"task": SQUARE if waypoints else NAV, **options})
-    return Renderer(mode, parameters, waypoints=waypoints, fps=1000)
+    return Renderer(parameters, windows=windows, waypoints=waypoints, fps=1000)
 
 
 def pixel(picture, x, y, *, centre=0.0, half=2.5, ahead=0.0, heading=0.0):
@@ -129,7 +129,7 @@ def test_window_shows_the_picture_and_closes(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     import pygame
 
-    renderer = make("human")
+    renderer = make(windows=True)
     now = world(Pose(0.5, 0.5, 0.0))
     assert renderer.draw(now) is None
     shown = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)

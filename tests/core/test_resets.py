@@ -95,18 +95,6 @@ def test_a_tasks_own_limit_and_the_vector_environments_must_agree(task, steps):
         vector(task=task)
 
 
-def test_a_limit_that_cuts_a_task_short_causes_a_warning():
-    env = gym.make(ID, task=LONG)
-    assert steps_until_the_end(env) == 300
-    with pytest.warns(
-        UserWarning, match=r"cut after 300 steps, though Task.max_steps is 350: gym.make\(..., max_episode_steps"
-    ):
-        env.reset()
-    for _ in range(20):
-        env.step(np.zeros(2, np.float32))
-    env.reset()  # of somebody's own accord: nothing was cut
-
-
 KINDS = {
     "Nav": {},
     "Pose": {"filter": "gated", "noise": "rough", "delay": 2},

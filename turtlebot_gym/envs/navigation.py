@@ -7,7 +7,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import registry
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
@@ -136,7 +135,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)
         self._started = self._seeded = False
-        self._pictures = Pictures(self._batch, rows=1, fps=self.metadata["render_fps"], windows=render_mode == "human")
+        self._pictures = Pictures(self._batch, render_mode, rows=1, fps=self.metadata["render_fps"])
 
     @property
     def observation_terms(self) -> tuple[ObservationTerm, ...]:
@@ -160,8 +159,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
                 takes it.
 
         Raises:
-            ValueError: If the seed or an option is invalid, the task's waypoints are given, or no path leads from start to
-                goal.
+            ValueError: If the seed or an option is invalid, or no path leads from start to goal.
         """
         for_episode = common.read_options(options, ("world", *_POSES) if self._own else _POSES)
         seed = None if seed is None else as_int("seed", seed)
@@ -174,8 +172,6 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             given = {0: StartAndGoal(**{name: given_pose(name, pose) for name, pose in for_episode.items()})}
         super().reset(seed=seed)
         batch = self._batch
-        if self._started:
-            self._warn_of_a_limit()
         if seed is None and self._seeded:
             batch.episodes += 1
         else:
@@ -192,18 +188,6 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode == "human":
             self._pictures.draw()
         return observations[0], info
-
-    def _warn_of_a_limit(self) -> None:
-        """Warn where Gymnasium's own limit has ended an episode early."""
-        max_steps = self.parameters.task.max_steps
-        if max_steps == math.inf or self.spec is None or self.spec.id not in registry:
-            return
-        limit, steps = registry[self.spec.id].max_episode_steps, self._batch.numbers("steps")[0]
-        if steps == limit and steps < max_steps:
-            gym.logger.warn(
-                f"The episode was cut after {limit} steps, though Task.max_steps is {max_steps:g}: "
-                f"gym.make(..., max_episode_steps={max_steps:g})."
-            )
 
     def _enter(self, world: RoomRules | FloorPlan) -> None:
         """Use a world from the next reset on."""
@@ -226,8 +210,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if not self._started:
             raise ResetNeeded("Call reset() before step().")
-        values = common.read_actions(action, (2,))
-        self._action[0] = values
+        self._action[0] = values = common.read_actions(action, (2,))
         forward, turn = values.tolist()
         if not math.isfinite(forward + turn):
             raise InvalidAction(f"Environment 0: an action must be finite, got {action!r}.")
@@ -251,23 +234,13 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         }
         if self._numbers:
             info |= {key: kind(value) for (key, kind), value in zip(self._numbers.items(), numbers[more], strict=True)}
-        info["distance"] = distance
-        info["is_success"] = success
-        info["reward_shares"] = shares
+        info |= {"distance": distance, "is_success": success, "reward_shares": shares}
         return info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture of the world, (height, width, 3), in mode "rgb_array"; the mode "human" draws by itself.
-
-        Raises:
-            ResetNeeded: If no episode has begun.
-        """
-        if self.render_mode is None:
-            gym.logger.warn("render() needs a render_mode: make the environment with render_mode='rgb_array'.")
-            return None
-        if not self._started:
-            raise ResetNeeded("Call reset() before render().")
-        return self._pictures.draw()[0] if self.render_mode == "rgb_array" else None
+        """Return a picture of the world, (height, width, 3), in mode "rgb_array"; the mode "human" draws by itself."""
+        pictures = self._pictures.render(self._started)
+        return pictures[0] if pictures else None
 
     def snapshot(self) -> Snapshot:
         """Return the whole state, which holds more than ``info``: also what the sensors say."""

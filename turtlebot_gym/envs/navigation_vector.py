@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.error import Error, InvalidAction, ResetNeeded
 from gymnasium.vector import AutoresetMode
@@ -111,7 +110,8 @@ class NavigationVectorEnv(SeededVectorEnv):
         self._told = _InfoReader(self._batch, parts)
         self._tells_little = not parts and not self._tells_shares
         self.metadata["render_fps"] = max(1, round(1.0 / setup.parameters.dt))
-        self._pictures = Pictures(self._batch, rows=min(render_rows, self.num_envs), fps=self.metadata["render_fps"])
+        rows = min(render_rows, self.num_envs)
+        self._pictures = Pictures(self._batch, render_mode, rows=rows, fps=self.metadata["render_fps"])
         self._done = np.zeros(self.num_envs, np.bool_)
         self._is_any_over = False
         self._everywhere = np.ones(self.num_envs, np.bool_)  # the mask of each key in each step, so nobody may write to it
@@ -252,12 +252,7 @@ class NavigationVectorEnv(SeededVectorEnv):
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return a picture, (height, width, 3), of each of the first ``render_rows`` environments, after a reset."""
-        if self.render_mode is None:
-            gym.logger.warn("render() needs a render_mode: make the environment with render_mode='rgb_array'.")
-            return None
-        if not self._begun:
-            raise ResetNeeded("Call reset() before render().")
-        return self._pictures.draw()
+        return self._pictures.render(self._begun)
 
     def close_extras(self, **kwargs: Any) -> None:
         if hasattr(self, "_pictures"):  # older Gymnasiums close an environment whose options were refused

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
+import gymnasium as gym
 import numpy as np
+from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
@@ -21,14 +23,13 @@ class Pictures:
 
     Args:
         batch: The environments; their parameters must not change while they are drawn.
+        mode: "human" for windows, "rgb_array" for arrays, which need no display; None for no pictures.
         rows: Number of environments to draw.
         fps: Pictures per second.
-        windows: Whether windows show them; if false, no display is needed.
     """
 
-    def __init__(self, batch: Batch, *, rows: int, fps: float, windows: bool = False) -> None:
-        self._batch, self._rows, self._fps = batch, rows, fps
-        self._mode: Literal["human", "rgb_array"] = "human" if windows else "rgb_array"
+    def __init__(self, batch: Batch, mode: str | None, *, rows: int, fps: float) -> None:
+        self._batch, self._mode, self._rows, self._fps = batch, mode, rows, fps
         self._renderers: list[Renderer] = []
 
     def __getstate__(self) -> dict[str, Any]:
@@ -39,6 +40,15 @@ class Pictures:
         for row, renderer in enumerate(self._renderers):
             if mask[row]:
                 renderer.reset()
+
+    def render(self, is_begun: bool) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return pictures as arrays, None where windows show them; warn where neither was asked for."""
+        if self._mode is None:
+            gym.logger.warn("render() needs a render_mode: make the environment with render_mode='rgb_array'.")
+            return None
+        if not is_begun:
+            raise ResetNeeded("Call reset() before render().")
+        return self.draw() if self._mode == "rgb_array" else None
 
     def draw(self) -> tuple[NDArray[np.uint8], ...]:
         """Return a picture of each environment, (height, width, 3); an empty tuple if windows show them.
@@ -57,8 +67,8 @@ class Pictures:
         batch, p = self._batch, self._batch.parameters_of(row)
         scenes: Any = batch.scenes
         return Renderer(
-            self._mode,
             p,
+            windows=self._mode == "human",
             waypoints=() if p.task.random else [Pose(*pose) for pose in batch.waypoints[row].tolist()],
             scene=scene_at(scenes, row) if p.room else None,
             tracks=scenes.tracker.seen[row] if isinstance(scenes, TrackedScene) else None,

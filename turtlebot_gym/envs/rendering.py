@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
@@ -53,8 +53,8 @@ class Renderer:
     What does not move is drawn once, on the paper below the trails.
 
     Args:
-        mode: "human" for a window, which opens with the first picture; "rgb_array" for arrays, which need no display.
         parameters: The robot, the task and the LiDAR that are drawn.
+        windows: Whether a window, which opens with the first picture, shows it; otherwise no display is needed.
         waypoints: The given waypoints, which fill the map together with the origin; none if arena or room do.
         scene: The room, whose arrays the environment updates; None on open ground.
         tracks: The numbers of the term `observations.TRACKS`, which the environment updates; None without a tracker.
@@ -66,9 +66,9 @@ class Renderer:
 
     def __init__(
         self,
-        mode: Literal["human", "rgb_array"],
         parameters: Parameters,
         *,
+        windows: bool = False,
         waypoints: Sequence[Pose] = (),
         scene: Scene | None = None,
         tracks: NDArray[np.float32] | None = None,
@@ -79,7 +79,7 @@ class Renderer:
         except ImportError as error:
             raise DependencyNotInstalled('pygame is not installed, run `pip install "pygame>=2.5"`') from error
         pygame.font.init()
-        self._pygame, self._mode, self._p, self._fps = pygame, mode, parameters, fps
+        self._pygame, self._windows, self._p, self._fps = pygame, windows, parameters, fps
         self._waypoints, self._scene, self._tracks = waypoints, scene, tracks
         self._font = pygame.font.Font(str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), 12 * _FINE)
         self._window: Any = None
@@ -103,7 +103,7 @@ class Renderer:
         """Draw a world and add it to the trails.
 
         Returns:
-            The picture, shape (HEADER + SIDE, SIDE, 3), in mode "rgb_array"; None in mode "human", which shows it.
+            The picture, shape (HEADER + SIDE, SIDE, 3); None if a window shows it.
         """
         self._trails.append((world.senses.odometry.pose, world.body.true_state, world.estimate.belief.mean))
         self._widen(world.body.true_state)
@@ -123,7 +123,7 @@ class Renderer:
             self._draw_what_moves(below, self._scene, world.body.true_state)
         self._draw_present(below, world)
         picture = self._pygame.transform.smoothscale(fine, (SIDE, HEADER + SIDE))
-        if self._mode == "rgb_array":
+        if not self._windows:
             pixels = bytearray(self._pygame.image.tobytes(picture, "RGB"))  # four times as fast as pygame.surfarray
             return np.frombuffer(pixels, np.uint8).reshape(HEADER + SIDE, SIDE, 3)
         self._show(picture)
