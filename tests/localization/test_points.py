@@ -11,7 +11,6 @@ from turtlebot_gym.rooms.lidar import Lidar, aim
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.sectors import divide
 from turtlebot_gym.rooms.sensing import clearance, measure
-from turtlebot_gym.systems.localizing import _trail
 from turtlebot_gym.values import Pose
 
 PLAN = FloorPlan(walls=(0.3, -0.2, 2.5, 2.0), circles=((1.2, 0.7, 0.2),), boxes=((-1.0, 0.5, 0.6, 0.4, 0.7),))
@@ -79,9 +78,10 @@ def test_successive_scans_use_all_beams():
 @pytest.mark.parametrize(("rate", "dt", "poses"), [(5.0, 0.1, 4), (10.0, 0.1, 3), (0.5, 0.1, 22)])
 def test_a_trail_reaches_back_to_the_first_beam(rate, dt, poses):
     from turtlebot_gym.systems import Options
+    from turtlebot_gym.systems.rooms import system_of
 
-    p = Options(world="clutter", lidar=replace(LIDAR, rate=rate), dt=dt).setup().parameters
-    assert _trail(p) == poses
+    setup = Options(world="clutter", noise="wheel", localizer="match", lidar=replace(LIDAR, rate=rate), dt=dt).setup()
+    assert system_of(setup.parameters).surroundings.make([setup.parameters]).memory.trail.shape[1] == poses
 
 
 def test_the_odometry_counts_its_intervals_since_a_scan_and_during_it():

@@ -12,8 +12,8 @@ from turtlebot_gym.observations import NEAREST, TRACKS
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tracking.bodies import AT, RADIUS
 from turtlebot_gym.tracking.sweep import Sweep, bearing
-from turtlebot_gym.tracking.tracker import begin, look, make_memory, memory_at, on_odometry, on_scan, poses_for
-from turtlebot_gym.tracking.tracks import MOVES, STATE, TIME
+from turtlebot_gym.tracking.tracker import begin, make_memory, memory_at, on_odometry, on_scan, poses_for
+from turtlebot_gym.tracking.tracks import MOVES, STATE, TIME, look
 from turtlebot_gym.values import Command, Pose
 
 BEAMS, REVOLUTION, DT = 360, 0.2, 0.05
@@ -59,7 +59,7 @@ def drive(circles_at, seconds, *, v=0.0, omega=0.0, seed=0):
         if step % round(REVOLUTION / DT) == 0:
             times = time - SWEEP.interval * np.arange(BEAMS - 1, -1, -1)
             on_scan(memory, ranges_at(poses(times), circles_at, times, rng), SWEEP._replace(last=time))
-            look(memory, time, pose(time), Command(v, omega), SWEEP.scale)
+            look(memory.tracks, memory.seen, time, pose(time), Command(v, omega), SWEEP.scale)
             yield time, memory, pose(time)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.rooms.scene import scene_at
-from turtlebot_gym.systems.tracking import TrackedScene
+from turtlebot_gym.systems.scans import TrackedScene
 from turtlebot_gym.values import Pose
 
 if TYPE_CHECKING:

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.descent import APART, TURNED
 from turtlebot_gym.localization.localizer import Located
+from turtlebot_gym.localization.points import pose_of
+from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.values import Pose
@@ -60,7 +62,7 @@ def put(bank: Any, k: int, pose: Pose, wheels: Pose, log_weight: float, agrees: 
 @kernel
 def place(bank: Any, k: int, wheels: Pose) -> Pose:
     """Return where a hypothesis is now."""
-    seat = Pose(float(bank[k, 0]), float(bank[k, 1]), float(bank[k, 2]))
+    seat = pose_of(bank[k])
     return increment(seat, Pose(0.0, 0.0, 0.0), wheels, sincos(seat.theta))
 
 
@@ -86,21 +88,12 @@ def averaged(mean: float, age: float, value: float) -> float:
     return mean + (value - mean) / min(age + 1.0, MEMORY)
 
 
-def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Any) -> NDArray[np.float64]:
+def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: LocalizerTuning) -> NDArray[np.float64]:
     """Return the other places that a localizer follows: x, y, heading and share of the weight, shape (0 to `MOST`, 4).
 
-    There are none while it does not doubt its belief.
-
-    Args:
-        located: The localizer.
-        bank: Its hypotheses.
-        wheels: The odometry at the present pose.
-        q: A `LocalizerTuning`.
+    There are none while it does not doubt its belief; ``wheels`` is the odometry at the present pose.
     """
-    if located.misfits <= q.patience:
-        return np.empty((0, 4))
-    rows = bank[:MOST][bank[:MOST, LOG_WEIGHT] > NONE]
-    places = [increment(Pose(*seat), Pose(0.0, 0.0, 0.0), wheels, sincos(seat[2])) for seat in rows[:, :3].tolist()]
-    own = np.exp(bank[MOST, LOG_WEIGHT]) if bank[MOST, LOG_WEIGHT] > NONE else 0.0
-    weights = np.exp(rows[:, LOG_WEIGHT])
-    return np.column_stack((np.array(places).reshape(-1, 3), weights / (weights.sum() + own)))
+    chosen = np.flatnonzero(bank[:MOST, LOG_WEIGHT] > NONE) if located.misfits > q.patience else np.empty(0, np.int64)
+    places = np.array([place(bank, k, wheels) for k in chosen.tolist()]).reshape(-1, 3)
+    weights = np.exp(bank[chosen, LOG_WEIGHT])
+    return np.column_stack((places, weights / (weights.sum() + np.exp(bank[MOST, LOG_WEIGHT]))))

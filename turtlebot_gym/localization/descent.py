@@ -14,6 +14,7 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.information import Guess, ScanPoints, blurred, condition, information
 from turtlebot_gym.localization.passing import AGAINST, agreeing, verdict
 from turtlebot_gym.localization.points import LENGTH, X, Y
+from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.rooms.field import at_cell
 from turtlebot_gym.values import Belief
@@ -36,8 +37,6 @@ MOST_ALONG, MOST_TURNS = 6, 48
 """Most starts on each side of the prediction along an axis, and in heading: a leap of odometry's heading is within."""
 WIDE = 3.0
 """Standard deviations of the prediction's heading that starts span, where that is more than `swing`."""
-
-
 _SLACK = 1e-6
 """Number of beams by which a sum of agreements must miss a bound: more than rounding."""
 
@@ -58,18 +57,12 @@ class Descent(NamedTuple):
 
 @kernel
 def descend(
-    sight: ScanPoints, prior: Belief, scale: Sixth, at: Guess, bias: tuple[float, float], q: Any, drift: float = 0.0
+    sight: ScanPoints, prior: Belief, scale: Sixth, at: Guess, bias: tuple[float, float], q: LocalizerTuning, drift: float = 0.0
 ) -> Descent:
     """Return the belief conditioned on a scan, linearized anew at each step from a start on; unchanged with too few beams.
 
-    Args:
-        sight: The scan and the map.
-        prior: The belief before.
-        scale: Prior of the ranges' scale.
-        at: The start.
-        bias: Variances of the scan's position and heading by errors of the map, m^2 and rad^2.
-        q: A `LocalizerTuning`.
-        drift: See `information`.
+    ``bias`` has the variances of the scan's position and heading by errors of the map, m^2 and rad^2; ``drift`` is that of
+    `information`, rad^2.
     """
     end = Descent(prior, scale, at, 0.0, 0.0, 0.0, 0.0, 0.0)
     for step in range(int(q.iterations)):
@@ -87,7 +80,7 @@ def descend(
 
 
 @kernel
-def judged(end: Descent, sight: ScanPoints, q: Any) -> Descent:
+def judged(end: Descent, sight: ScanPoints, q: LocalizerTuning) -> Descent:
     """Return a descent with the share of beams that agree with its end."""
     agrees = end.agrees
     if q.short < 1.0 and 1.0 - end.fits > q.suspicion:  # else nearly all beams fit, or the others count as much
@@ -161,9 +154,7 @@ def keep(best: Any, values: Any, count: int, guess: tuple[float, ...], value: fl
         last -= 1
     at = last
     while at > 0 and values[at - 1] < value:
-        values[at] = values[at - 1]
-        for k in range(len(guess)):
-            best[at, k] = best[at - 1, k]
+        values[at], best[at] = values[at - 1], best[at - 1]
         at -= 1
     values[at] = value
     for k in range(len(guess)):
@@ -172,24 +163,17 @@ def keep(best: Any, values: Any, count: int, guess: tuple[float, ...], value: fl
 
 
 @kernel
-def gain_of(number: int, q: Any) -> float:
+def gain_of(number: int, q: LocalizerTuning) -> float:
     """Return how much log likelihood an agreement of 1 is worth: what the weights of Geman and McClure say, tempered."""
     return 0.5 * q.gate * q.gate * q.temper * number
 
 
 @kernel
-def _starts_around(sight: ScanPoints, belief: Belief, q: Any, starts: Any, values: Any) -> int:
-    """Write the best poses of a lattice around a belief, and return their number.
+def _starts_around(sight: ScanPoints, belief: Belief, q: LocalizerTuning, starts: Any, values: Any) -> int:
+    """Write the best poses of a lattice around a belief, shape (K, 3), and their values; return their number.
 
     It spans two standard deviations, at least `reach` and `swing`. The value of a pose is its tempered log likelihood less half
     its squared Mahalanobis distance from the belief.
-
-    Args:
-        sight: The scan and the map.
-        belief: The prediction.
-        q: A `LocalizerTuning`.
-        starts: Output, shape (K, 3).
-        values: Output, shape (K,).
     """
     mean, P = belief
     var_x, var_y = P.xx + 0.25 * q.reach * q.reach, P.yy + 0.25 * q.reach * q.reach
@@ -217,16 +201,8 @@ def _starts_around(sight: ScanPoints, belief: Belief, q: Any, starts: Any, value
 
 
 @kernel
-def likelihood(sight: ScanPoints, at: Guess, belief: Belief, q: Any, width: float = 0.1) -> float:
-    """Return the value of a descended guess: its tempered log likelihood less half its squared Mahalanobis distance.
-
-    Args:
-        sight: The scan and the map.
-        at: The guess.
-        belief: The prediction.
-        q: A `LocalizerTuning`.
-        width: See `agreement`, m.
-    """
+def likelihood(sight: ScanPoints, at: Guess, belief: Belief, q: LocalizerTuning, width: float = 0.1) -> float:
+    """Return the value of a descended guess: its tempered log likelihood less half its squared Mahalanobis distance."""
     mean, P = belief
     a, b, c = at.x - mean.x, at.y - mean.y, at.theta - mean.theta
     # The distance by Cholesky factors of the pose's 3 x 3 covariance.
@@ -238,22 +214,14 @@ def likelihood(sight: ScanPoints, at: Guess, belief: Belief, q: Any, width: floa
     u = a / l11
     v = (b - l21 * u) / l22
     w = (c - l31 * u - l32 * v) / l33
-    fit = agreement(sight, at, width)
-    return gain_of(sight.number, q) * fit - 0.5 * (u * u + v * v + w * w)
+    return gain_of(sight.number, q) * agreement(sight, at, width) - 0.5 * (u * u + v * v + w * w)
 
 
 @kernel
-def best_descent(sight: ScanPoints, now: Belief, scale: Sixth, bias: tuple[float, float], q: Any, drift: float) -> Descent:
-    """Return the descent from the prediction, or if that is in doubt, a better one from a start around it.
-
-    Args:
-        sight: The scan and the map.
-        now: The prediction, which is the first start.
-        scale: Prior of the ranges' scale.
-        bias: Variances of the scan's position and heading by errors of the map, m^2 and rad^2.
-        q: A `LocalizerTuning`.
-        drift: See `information`, rad^2.
-    """
+def best_descent(
+    sight: ScanPoints, now: Belief, scale: Sixth, bias: tuple[float, float], q: LocalizerTuning, drift: float
+) -> Descent:
+    """Return the descent from the prediction, or if that is in doubt, a better one from a start around it; see `descend`."""
     wide = widened(now, 0.25 * q.reach * q.reach, 0.25 * q.swing * q.swing)
     start = Guess(now.mean.x, now.mean.y, now.mean.theta, scale.mean)
     best, value, least = Descent(now, scale, start, 0.0, 0.0, 0.0, 0.0, 0.0), -1e300, -1.0

@@ -19,61 +19,39 @@ import numpy as np
 
 from turtlebot_gym.estimation.sixth import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.localization.bank import (
-    AGE,
-    AGREES,
-    FITS,
-    LAST,
-    LOG_WEIGHT,
-    MEMORY,
-    MOST,
-    NONE,
-    OFF,
-    RIGHT,
-    ROWS,
-    TRIAL,
-    UNLIKELY,
-    averaged,
-    exp,
-    insert,
-    place,
-    put,
-)
+from turtlebot_gym.localization import bank as banks
+from turtlebot_gym.localization.bank import AGE, AGREES, FITS, LAST, LOG_WEIGHT, MOST, NONE, OFF, RIGHT, TRIAL, UNLIKELY
 from turtlebot_gym.localization.descent import APART, LEAST_BEAMS, TURNED, WIDTH, agreement, descend, gain_of, keep
 from turtlebot_gym.localization.information import Guess, ScanPoints, fetch_ends
 from turtlebot_gym.localization.localizer import CALM, HABIT, SILENT, SURE, Located, locate, scan
 from turtlebot_gym.localization.passing import AGAINST, SILENT_BEAMS, agreeing, verdict
-from turtlebot_gym.localization.points import Timing, swept, to_points
+from turtlebot_gym.localization.points import Timing, pose_of, swept, to_points
 from turtlebot_gym.localization.seek import seek
+from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.rooms.scene import LocalizerMemory
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 
 CYCLE = 4
 """Scans from one search of the whole map, or decision, to the next."""
-FADING = 0.95
-"""Share of the logarithm of a weight that stays after a scan."""
+PATIENCE = 4 * CYCLE
+"""Scans after which a belief that is in doubt is confirmed if it is the best hypothesis, or the whole map is searched anew."""
+FADING, BONUS, LATE = 0.95, 1.0, 3.0
+"""Share of the logarithm of a weight that stays after a scan; added to that of a belief that is in doubt; and lost by a place
+that a later search finds, beside those that are followed."""
 FINE = 0.1
 """Residual at which a beam's agreement has fallen to a half, m, for hypotheses that have descended."""
 POSITION, TURN = 0.15, 0.1
 """Standard deviations of a hypothesis, m and rad: the next scan descends from there."""
-BONUS = 1.0
-"""Added to the logarithm of the weight of a belief that is in doubt."""
-CLEAR = 0.95
-"""Share of fitting beams that another place needs to replace the belief ..."""
-UNEXPLAINED = 1.0 / 3.0
-"""... and how much of what it leaves unexplained of all scans since the search that place may leave unexplained: people on half
-of the beams hide the true place, and some other fits all beams of a scan by chance ..."""
-LITTLE = 0.15
-"""... or that share of the scans: more than that remains unexplained where a place fits by chance."""
+CLEAR, UNEXPLAINED, LITTLE = 0.95, 1.0 / 3.0, 0.15
+"""Share of fitting beams that another place needs to replace the belief, and how much of what the belief leaves unexplained of
+all scans since the search, or of these scans, it may leave unexplained: people on half of the beams hide the true place, and
+some other fits all beams of a scan by chance."""
 OBVIOUS = 0.25
 """Share of what the belief leaves unexplained below which another place takes over after one cycle."""
-PATIENCE = 4 * CYCLE
-"""Scans after which a belief that is in doubt is confirmed if it is the best hypothesis, or the whole map is searched anew."""
-PER_METRE, ENOUGH = 30.0, 100.0
-"""Scans that a metre of way counts, since scans from one place are alike, and evidence after which a place is believed that
-people hide in part ..."""
-WELL, LEAD = 0.75, 6.0
-"""... if this share of its beams agrees, and its logarithm of the weight leads all others by so much."""
+PER_METRE, ENOUGH, WELL, LEAD = 30.0, 100.0, 0.75, 6.0
+"""Scans that a metre of way counts, since scans from one place are alike; and evidence after which a place is believed that
+people hide in part, if this share of its beams agrees, and its logarithm of the weight leads all others by so much."""
 LIKE = 0.05
 """Difference in agreement within which places are alike: if a search finds only such ones, as in a long corridor, the true
 place may be none of them."""
@@ -84,26 +62,21 @@ FAR = 1e4
 PROBATION, WORSE = 1000.0, 0.12
 """Evidence for which a place that is believed anew is on trial, and by how much fewer beams may fit then than usual: where a
 place only looks alike, they end short of its walls sooner or later."""
-OUTSIDE, UNUSUAL_FIT = 150.0, 300.0
-"""Evidence that another place needs if the belief has left the map, and if by so much fewer beams fit there."""
-AWAY = 1000.0
-"""Evidence since the belief left the map after which it does not hold another place back: the wheels have drifted."""
-LATE = 3.0
-"""Logarithm of the weight that a place loses that a later search finds, beside those that are followed."""
+OUTSIDE, UNUSUAL_FIT, AWAY = 150.0, 300.0, 1000.0
+"""Evidence that another place needs if the belief has left the map, and if by so much fewer beams fit there; and evidence since
+the belief left the map after which it does not hold another place back: the wheels have drifted."""
 
 
 @kernel
-def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints, wheels: Pose, since: int, q: Any) -> None:
+def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints, wheels: Pose, since: int, gain: float) -> None:
     """Add to a bank the places of the whole map that fit a scan best, and first the belief if it still fits somehow."""
     poses, values = np.empty((MOST, 3)), np.zeros(MOST)
-    mean, gain = located.belief.mean, gain_of(sight.number, q)
-    count = seek(sight, poses, values)
+    mean, count = located.belief.mean, seek(sight, poses, values)
     if since == 0:
-        for k in range(ROWS):
-            bank[k, LOG_WEIGHT] = NONE
+        bank[:, LOG_WEIGHT] = NONE
     for k in range(count):
         weight = max(gain * (float(values[k]) - float(values[0])), UNLIKELY) - (LATE if since > 0 else 0.0)
-        insert(bank, Pose(float(poses[k, 0]), float(poses[k, 1]), float(poses[k, 2])), wheels, weight)
+        banks.insert(bank, pose_of(poses[k]), wheels, weight)
     bank[LAST, 2] = 1.0 if count == MOST and values[MOST - 1] > values[0] - LIKE else 0.0
     if is_hypothesis:
         bank[MOST, 0], bank[MOST, 1], bank[MOST, 2] = CLEAR, 0.0, 0.0
@@ -111,19 +84,6 @@ def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints,
         bank[MOST, AGREES], bank[MOST, AGE] = 0.0, 0.0
         worth = agreement(sight, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH, 0.0, float(bank[LAST, RIGHT]))
         bank[MOST, LOG_WEIGHT] = BONUS + gain * (worth - float(values[0]))
-
-
-@kernel
-def _outlasts(agrees: float, age: float, lead: float, is_complete: bool, q: Any) -> bool:
-    """Return whether a place has explained so many scans so well that it is believed, though people hide a part of it.
-
-    Args:
-        agrees: Mean share of its agreeing beams.
-        age: The evidence for it, in scans.
-        lead: Difference of the logarithms of its weight and of that of the best other place.
-        is_complete: Whether the last search found more than places that look alike; otherwise it takes half as much more.
-    """
-    return (agrees > max(WELL, q.trust)) & (lead > LEAD) & (age >= (ENOUGH if is_complete else 1.5 * ENOUGH))
 
 
 @kernel
@@ -135,90 +95,93 @@ def _evidence(bank: Any, wheels: Pose) -> float:
 
 
 @kernel
-def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfits: float, q: Any) -> Located:
-    """Follow the hypotheses of a bank at a scan, and return the localizer.
-
-    Args:
-        located: The localizer; conditioned on the scan if its belief is a hypothesis.
-        bank: The bank.
-        sight: The scan and the map.
-        wheels: The odometry at the present pose.
-        misfits: Doubtful scans before this one, see `Located.misfits`.
-        q: A `LocalizerTuning`.
-    """
-    guesses, values, count, gain = np.empty((MOST, 8)), np.empty(MOST), 0, gain_of(sight.number, q)
-    mean, own = located.belief.mean, float(bank[MOST, LOG_WEIGHT])
-    more = _evidence(bank, wheels)
+def _refine(
+    located: Located, bank: Any, sight: ScanPoints, wheels: Pose, more: float, guesses: Any, values: Any, q: Any
+) -> int:
+    """Let the places of a bank descend at a scan, best first: pose, fits, what is explained, mean agreement, age, mean fits."""
+    mean, count, gain = located.belief.mean, 0, gain_of(sight.number, q)
     for k in range(MOST):
         if bank[k, LOG_WEIGHT] > NONE:
-            there, age = place(bank, k, wheels), float(bank[k, AGE])
+            there, age = banks.place(bank, k, wheels), float(bank[k, AGE])
             near = locate(there, (POSITION * POSITION, POSITION * POSITION, TURN * TURN), q)
-            start = Guess(there.x, there.y, there.theta, 0.0)
-            end = descend(sight, near.belief, near.scale, start, (0.0, 0.0), q)
-            at = end.at
-            explained = agreement(sight, at, FINE)
-            value = FADING * float(bank[k, LOG_WEIGHT]) + gain * explained
+            end = descend(sight, near.belief, near.scale, Guess(there.x, there.y, there.theta, 0.0), (0.0, 0.0), q)
+            at, explained = end.at, agreement(sight, end.at, FINE)
             dx, dy, theta = at.x - mean.x, at.y - mean.y, wrap(at.theta)
             is_own = dx * dx + dy * dy < APART * APART and abs(wrap(theta - mean.theta)) < TURNED
-            if not (is_own and own > NONE):
-                agrees = averaged(float(bank[k, AGREES]), age, agreeing(sight, at, q))
-                fits = averaged(float(bank[k, FITS]), age, end.fits * sight.number / max(end.used, 1.0))
+            if not (is_own and bank[MOST, LOG_WEIGHT] > NONE):
+                agrees = banks.averaged(float(bank[k, AGREES]), age, agreeing(sight, at, q))
+                fits = banks.averaged(float(bank[k, FITS]), age, end.fits * sight.number / max(end.used, 1.0))
                 guess = (at.x, at.y, theta, end.fits, explained, agrees, age + more, fits)
+                value = FADING * float(bank[k, LOG_WEIGHT]) + gain * explained
                 count = keep(guesses, values, count, guess, value, APART, TURNED)
-    if own > NONE:
-        at = Guess(mean.x, mean.y, mean.theta, located.scale.mean)
-        explained = agreement(sight, at, FINE, 0.0, float(bank[LAST, RIGHT]))
-        own = FADING * own + gain * explained
-        age = float(bank[MOST, AGE])
-        bank[MOST, AGREES] = averaged(float(bank[MOST, AGREES]), age, agreeing(sight, at, q))
-        bank[MOST, AGE] = age + more
-        bank[MOST, 1] += 1.0 - explained
-        bank[MOST, 2] += 1.0 - (float(guesses[0, 4]) if count > 0 else 0.0)
-    other = float(values[0]) if count > 0 else NONE
+    return count
+
+
+@kernel
+def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfits: float, q: Any) -> Located:
+    """Follow the hypotheses of a bank at a scan, on which the localizer is conditioned if its belief is one of them.
+
+    ``misfits`` are those before this scan, see `Located.misfits`.
+    """
+    guesses, values, more = np.empty((MOST, 8)), np.empty(MOST), _evidence(bank, wheels)
+    mean, own = located.belief.mean, float(bank[MOST, LOG_WEIGHT])
+    count, has_own = _refine(located, bank, sight, wheels, more, guesses, values, q), own > NONE
+    best, fits, agrees, age, usual = Pose(0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0
+    other, unexplained = NONE, 1.0
+    if count > 0:
+        best, other, unexplained = pose_of(guesses[0]), float(values[0]), 1.0 - float(guesses[0, 4])
+        fits, agrees, age, usual = float(guesses[0, 3]), float(guesses[0, 5]), float(guesses[0, 6]), float(guesses[0, 7])
     bank[LAST, OFF] += more if bank[LAST, OFF] > 0.0 else 0.0
-    if own > NONE and count > 0 and bank[LAST, OFF] > AWAY:
-        own = min(own, other - 2.0 * LEAD)
+    if has_own:
+        at, own_age = Guess(mean.x, mean.y, mean.theta, located.scale.mean), float(bank[MOST, AGE])
+        explained = agreement(sight, at, FINE, 0.0, float(bank[LAST, RIGHT]))
+        own = FADING * own + gain_of(sight.number, q) * explained
+        bank[MOST, AGREES] = banks.averaged(float(bank[MOST, AGREES]), own_age, agreeing(sight, at, q))
+        bank[MOST, AGE] = own_age + more
+        bank[MOST, 1] += 1.0 - explained
+        bank[MOST, 2] += unexplained
+        own = min(own, other - 2.0 * LEAD) if count > 0 and bank[LAST, OFF] > AWAY else own
+
     top, total, xx, yy, tt = max(other, own), 0.0, 0.0, 0.0, 0.0
-    best = Pose(float(guesses[0, 0]), float(guesses[0, 1]), float(guesses[0, 2]))
-    for k in range(MOST):
-        log_weight = float(values[k]) - top if k < count else NONE
-        bank[k, LOG_WEIGHT] = NONE
+    bank[:MOST, LOG_WEIGHT] = NONE
+    for k in range(count):
+        log_weight, pose = float(values[k]) - top, pose_of(guesses[k])
         if log_weight > UNLIKELY:
-            pose = Pose(float(guesses[k, 0]), float(guesses[k, 1]), float(guesses[k, 2]))
-            weight, dx, dy, turn = exp(log_weight), pose.x - best.x, pose.y - best.y, wrap(pose.theta - best.theta)
+            weight, dx, dy, turn = banks.exp(log_weight), pose.x - best.x, pose.y - best.y, wrap(pose.theta - best.theta)
             total, xx, yy, tt = total + weight, xx + weight * dx * dx, yy + weight * dy * dy, tt + weight * turn * turn
-            put(bank, k, pose, wheels, log_weight, float(guesses[k, 5]), float(guesses[k, 6]))
+            banks.put(bank, k, pose, wheels, log_weight, float(guesses[k, 5]), float(guesses[k, 6]))
             bank[k, FITS] = guesses[k, 7]
-    own_weight = exp(max(own - top, UNLIKELY)) if own > NONE else 0.0
+    own_weight = banks.exp(max(own - top, UNLIKELY)) if has_own else 0.0
     total = total + own_weight
-    bank[MOST, LOG_WEIGHT] = max(own - top, UNLIKELY) if own > NONE else NONE
-    weight = exp(max(other - top, UNLIKELY)) / total if count > 0 else 0.0
-    fits = float(guesses[0, 3]) if count > 0 else 0.0
-    since, least = int(misfits - q.patience), float(bank[MOST, 0])
-    decides = since >= CYCLE - 1
-    if own > NONE:
-        decides = since >= 3 * CYCLE - 1 and since % PATIENCE >= 2 * CYCLE - 1
-        decides = decides or (since % PATIENCE >= CYCLE - 1 and bank[MOST, 2] < OBVIOUS * bank[MOST, 1])
+    bank[MOST, LOG_WEIGHT] = max(own - top, UNLIKELY) if has_own else NONE
+    weight = banks.exp(max(other - top, UNLIKELY)) / total if count > 0 else 0.0
+
+    since, silent = int(misfits - q.patience), located.silent
+    in_cycle, is_complete = since % PATIENCE, bank[LAST, 2] == 0.0  # the search found more than places that look alike
     lead = other - max(own, float(values[1]) if count > 1 else top + UNLIKELY)
-    is_complete = bank[LAST, 2] == 0.0
-    is_clear = fits >= least and bank[MOST, 2] < max(UNEXPLAINED * bank[MOST, 1], LITTLE * (since % PATIENCE + 1.0))
-    silent = located.silent
     needs = OUTSIDE if bank[LAST, OFF] > 0.0 else q.evidence
-    needs = UNUSUAL_FIT if count > 0 and guesses[0, 7] < bank[TRIAL, 1] - WORSE else needs
-    is_proven = count > 0 and guesses[0, 5] >= q.trust and guesses[0, 6] >= needs
+    needs = UNUSUAL_FIT if count > 0 and usual < bank[TRIAL, 1] - WORSE else needs
+    is_proven = count > 0 and agrees >= q.trust and age >= needs
+    outlasts = is_proven and agrees > max(WELL, q.trust) and lead > LEAD and age >= (ENOUGH if is_complete else 1.5 * ENOUGH)
+    decides = since >= CYCLE - 1
+    if has_own:
+        decides = since >= 3 * CYCLE - 1 and in_cycle >= 2 * CYCLE - 1
+        decides = decides or (in_cycle >= CYCLE - 1 and bank[MOST, 2] < OBVIOUS * bank[MOST, 1])
     decides_other = decides and is_proven and is_complete and lead > q.lead
-    outlasts = is_proven and _outlasts(float(guesses[0, 5]), float(guesses[0, 6]), lead, is_complete, q)
+    fits_best = fits >= bank[MOST, 0]
+    is_clear = fits_best and bank[MOST, 2] < max(UNEXPLAINED * bank[MOST, 1], LITTLE * (in_cycle + 1.0))
     takes_over = outlasts or (decides_other and own_weight < (1.0 - SURE) * total and is_clear)
-    if own > NONE and not takes_over:
+    if has_own and not takes_over:
         decides = decides or (q.trust > 0.0 and since >= CYCLE - 1)
-        is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
+        is_sure = (decides and own_weight > SURE * total) or (in_cycle == PATIENCE - 1 and own >= other)
         is_sure = is_sure and bank[MOST, AGREES] > max(ITSELF, q.trust)
         misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, own_weight / total, silent)
         return located._replace(misfits=misfits, weight=weight, silent=silent)
+
     bank[MOST, LOG_WEIGHT] = NONE
-    is_sure = outlasts or (decides_other and weight > SURE and fits >= least)
+    is_sure = outlasts or (decides_other and weight > SURE and fits_best)
     if is_sure and q.trust > 0.0:
-        bank[TRIAL, 0], bank[TRIAL, 1], bank[TRIAL, 2], bank[LAST, OFF] = PROBATION, guesses[0, 7], guesses[0, 7], 0.0
+        bank[TRIAL, 0], bank[TRIAL, 1], bank[TRIAL, 2], bank[LAST, OFF] = PROBATION, usual, usual, 0.0
     share = 1.0 / total if total > 0.0 and not is_sure else 0.0
     around, turned = POSITION * POSITION, TURN * TURN + tt * share
     covariance = Covariance(around + xx * share, 0.0, 0.0, around + yy * share, 0.0, turned)
@@ -229,19 +192,8 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
     # A place that is only the likeliest is nothing to drive by: the robot is lost until it is sure.
     misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, weight, max(silent, 2.0 * SILENT))
     agrees = agreeing(sight, Guess(best.x, best.y, best.theta, 0.0), q) if count > 0 else 0.0
-    return located._replace(
-        belief=belief,
-        nis=0.0,
-        scale=fresh,
-        fits=fits,
-        misfits=misfits,
-        taken=0.0,
-        slack=1.0,
-        scans=located.scans + 1.0,
-        weight=weight,
-        agrees=agrees,
-        silent=silent,
-    )
+    located = located._replace(belief=belief, nis=0.0, scale=fresh, fits=fits, taken=0.0, slack=1.0, scans=located.scans + 1.0)
+    return located._replace(misfits=misfits, weight=weight, agrees=agrees, silent=silent)
 
 
 @kernel
@@ -250,33 +202,25 @@ def _kept(located: Located, after: Located, bank: Any, sight: ScanPoints, wheels
 
     It is lost if its place is on trial, and beams fit worse than they usually do.
     """
-    belief, scale, misfits, weight, agrees, silent = (
-        after.belief,
-        after.scale,
-        after.misfits,
-        after.weight,
-        after.agrees,
-        after.silent,
-    )
-    was_right, usual = bank[LAST, RIGHT] > 0.0 and located.nis != 0.0, float(bank[TRIAL, 1])  # 0 for a new belief
-    is_right, fit, against, unknown = agrees >= q.trust, after.fits, 0.0, 0.0
+    mean, was_right = after.belief.mean, bank[LAST, RIGHT] > 0.0 and located.nis != 0.0  # 0 for a new belief
+    is_right, fit, against, unknown, usual = after.agrees >= q.trust, after.fits, 0.0, 0.0, float(bank[TRIAL, 1])
     if not is_right or bank[TRIAL, 0] > 0.0:
-        fit, against, unknown = verdict(sight, Guess(belief.mean.x, belief.mean.y, belief.mean.theta, scale.mean), q)
+        fit, against, unknown = verdict(sight, Guess(mean.x, mean.y, mean.theta, after.scale.mean), q)
     bank[LAST, OFF] = 0.0 if is_right else bank[LAST, OFF]
     if was_right and not is_right and against <= max(AGAINST, fit):
         is_right, bank[LAST, OFF] = True, max(bank[LAST, OFF], 1.0 if unknown > SILENT_BEAMS else 0.0)
-    if is_right and agrees < 0.7 * q.doubt:
-        belief, scale = located.belief, located.scale
+    if is_right and after.agrees < 0.7 * q.doubt:
+        after = after._replace(belief=located.belief, scale=located.scale)
     bank[LAST, RIGHT] = 1.0 if is_right else 0.0
     if bank[TRIAL, 0] > 0.0 and located.misfits < q.patience:
         bank[TRIAL, 0] -= _evidence(bank, wheels)
-        bank[TRIAL, 2] = averaged(float(bank[TRIAL, 2]), MEMORY, fit / max(1.0 - unknown, 1e-9))
+        bank[TRIAL, 2] = banks.averaged(float(bank[TRIAL, 2]), banks.MEMORY, fit / max(1.0 - unknown, 1e-9))
         if bank[TRIAL, 2] < usual - WORSE:
-            misfits, weight, agrees, silent = 1.0 * q.patience, 0.0, 0.0, 2.0 * SILENT
             bank[TRIAL, 0], bank[LAST, RIGHT] = 0.0, 0.0
-    elif misfits <= 0.0 and agrees >= q.trust:
+            after = after._replace(misfits=1.0 * q.patience, weight=0.0, agrees=0.0, silent=2.0 * SILENT)
+    elif after.misfits <= 0.0 and after.agrees >= q.trust:
         bank[TRIAL, 1] = usual + (fit - usual) / min(after.scans, HABIT)
-    return after._replace(belief=belief, scale=scale, misfits=misfits, weight=weight, agrees=agrees, silent=silent)
+    return after
 
 
 @kernel
@@ -287,7 +231,7 @@ def look(
 
     Args:
         located: The localizer.
-        bank: Hypotheses, shape (`ROWS`, 4), written and read while the place is in doubt.
+        bank: Hypotheses, shape (`ROWS`, `COLUMNS`), written and read while the place is in doubt.
         sight: The scan, as seen from the present pose, and the map.
         wheels: The odometry at the present pose.
         q: A `LocalizerTuning`.
@@ -309,13 +253,13 @@ def look(
         bank[MOST, 0] = 1.0 * q.doubt
     fits_badly = since % CYCLE == 0 and located.agrees < 0.7 * q.doubt
     if since % PATIENCE == 0 or (fits_badly and not is_hypothesis):
-        _search(located, is_hypothesis, bank, sight, wheels, since, q)
+        _search(located, is_hypothesis, bank, sight, wheels, since, gain_of(sight.number, q))
     return _follow(after, bank, sight, wheels, located.misfits, q)
 
 
 @kernel
 def correct_by_scan(
-    located: Located, ranges: Any, beams: Any, timing: Timing, trail: Any, bank: Any, field: Any, frame: Any, q: Any
+    located: Located, ranges: Any, beams: Any, timing: Timing, memory: LocalizerMemory, q: LocalizerTuning
 ) -> Located:
     """Condition the belief on a scan as it was measured: on at most `beams` of its beams, with those of the next between them.
 
@@ -324,18 +268,14 @@ def correct_by_scan(
         ranges: Shape (B,), m; see `points.to_points`.
         beams: Directions in the robot's frame, shape (2 or more, B): cosine and sine.
         timing: When and where they were measured.
-        trail: The odometry, see `points.remember`.
-        bank: Hypotheses, see `look`.
-        field: Distances, see `rooms.field`.
-        frame: Their frame.
-        q: A `LocalizerTuning`.
+        memory: Map, odometry and hypotheses.
+        q: The assumptions.
     """
-    points = np.empty((5, int(q.beams)))
+    trail, points = memory.trail, np.empty((5, int(q.beams)))
     number = to_points(ranges, beams, int(located.scans), timing, trail, points)
-    sight, mean = ScanPoints(field, frame, points, number), located.belief.mean
+    sight, mean = ScanPoints(memory.field, memory.field_frame, points, number), located.belief.mean
     fetch_ends(sight, Guess(mean.x, mean.y, mean.theta, located.scale.mean))
-    wheels = Pose(float(trail[0, 1]), float(trail[0, 2]), float(trail[0, 3]))
-    return look(located, bank, sight, wheels, q, swept(timing, len(ranges), trail))
+    return look(located, memory.bank, sight, pose_of(trail[0, 1:]), q, swept(timing, len(ranges), trail))
 
 
 @kernel

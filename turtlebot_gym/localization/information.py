@@ -21,6 +21,7 @@ from turtlebot_gym.estimation.sixth import Sixth, update_both
 from turtlebot_gym.estimation.update import Projection, of_row
 from turtlebot_gym.kernel import compiled_scratch, is_plain, kernel
 from turtlebot_gym.localization.points import DX, DY, LENGTH, X, Y
+from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.rooms.field import Corners, between, corners_of, fetch_around, place_of, sample
 from turtlebot_gym.values import Belief, Covariance, Pose
@@ -32,8 +33,6 @@ BACK = 2.0
 field is flat. Without it, ranges that are too long would inform less than those that are too short."""
 LEAST_PIVOT = 1e-10
 """Share of a diagonal entry below which a pivot is rounding: there is no information in its direction."""
-
-
 BLOCK = 32
 """Beams that are worked on at a time, in loops that LLVM vectorizes, on numbers in one array at offsets that it knows."""
 _TO_X, _TO_Y, _LENGTH, _UX, _UY, _KNOWN, _ROW, _COLUMN, _UP, _RIGHT = range(0, 10 * BLOCK, BLOCK)
@@ -91,7 +90,7 @@ class Information(NamedTuple):
 
 
 @kernel
-def _read(room: Any, k: int, frame: Any, q: Any) -> None:
+def _read(room: Any, k: int, frame: Any, q: LocalizerTuning) -> None:
     """Write a beam's residual, its derivatives, and whether the end lies in a wall or behind it; all 0 in the unknown."""
     corners = Corners(float(room[_NEAR + k]), float(room[_FAR + k]), float(room[_ABOVE + k]), float(room[_ACROSS + k]))
     known, d, gx, gy = between(corners, room[_KNOWN + k] != 0.0, float(room[_UP + k]), float(room[_RIGHT + k]), frame)
@@ -103,7 +102,7 @@ def _read(room: Any, k: int, frame: Any, q: Any) -> None:
 
 
 @kernel
-def _look_back(room: Any, k: int, field: Any, frame: Any, at: Guess, q: Any) -> None:
+def _look_back(room: Any, k: int, field: Any, frame: Any, at: Guess, q: LocalizerTuning) -> None:
     """Measure the residual from the side that the beam has met, where the end is nearer to the other side of a wall."""
     ux, uy, d, side = float(room[_UX + k]), float(room[_UY + k]), float(room[_D + k]), float(frame[4])
     to_x, to_y, back = float(room[_TO_X + k]), float(room[_TO_Y + k]), BACK * side
@@ -117,7 +116,7 @@ def _look_back(room: Any, k: int, field: Any, frame: Any, at: Guess, q: Any) -> 
 
 
 @kernel
-def _rate(room: Any, k: int, P: Covariance, sixth: Sixth, q: Any, drift: float) -> None:
+def _rate(room: Any, k: int, P: Covariance, sixth: Sixth, q: LocalizerTuning, drift: float) -> None:
     """Write the derivatives of a beam's residual by heading and scale, its weight, and whether it fits; 0 in the unknown."""
     known, d, gx, gy = room[_KNOWN + k] != 0.0, float(room[_D + k]), float(room[_GX + k]), float(room[_GY + k])
     along, length, c, wide = float(room[_ALONG + k]), float(room[_LENGTH + k]), sixth.column, q.gate * q.gate
@@ -148,18 +147,13 @@ def fetch_ends(sight: ScanPoints, at: Guess) -> None:
 
 
 @kernel
-def information(sight: ScanPoints, at: Guess, belief: Belief, sixth: Sixth, q: Any, drift: float = 0.0) -> Information:
-    """Return the information of a scan at a guess.
+def information(
+    sight: ScanPoints, at: Guess, belief: Belief, sixth: Sixth, q: LocalizerTuning, drift: float = 0.0
+) -> Information:
+    """Return the information of a scan at a guess, with the weights of Geman and McClure.
 
-    The weights are those of Geman and McClure with the width of the innovation, so that a wide belief forgives large residuals.
-
-    Args:
-        sight: The scan and the map.
-        at: Where to linearize.
-        belief: Prior belief, whose covariance widens the weights.
-        sixth: Prior of the ranges' scale.
-        q: A `LocalizerTuning`.
-        drift: Variance of the heading by the wheels since the first beam was measured, rad^2: older beams say less.
+    Their width is that of the innovation by the prior ``belief`` and ``sixth``, so that a wide belief forgives large residuals.
+    ``drift`` is the variance of the heading by the wheels since the first beam was measured, rad^2: older beams say less.
     """
     field, frame, points, number = sight
     sine, cosine = sincos(at.theta)
@@ -205,36 +199,16 @@ def _minus(L: Information, v: tuple[float, float, float, float], by: float, grad
     """Return ``L - v v' by``, with the gradient reduced by ``v by`` times one of its entries."""
     a, b, c, d = v
     i, j, k, m = a * by, b * by, c * by, d * by
-    return Information(
-        L.xx - i * a,
-        L.xy - i * b,
-        L.xt - i * c,
-        L.xs - i * d,
-        L.yy - j * b,
-        L.yt - j * c,
-        L.ys - j * d,
-        L.tt - k * c,
-        L.ts - k * d,
-        L.ss - m * d,
-        L.x - i * gradient,
-        L.y - j * gradient,
-        L.theta - k * gradient,
-        L.scale - m * gradient,
-        L.fits,
-        L.used,
-    )
+    matrix = (i * a, i * b, i * c, i * d, j * b, j * c, j * d, k * c, k * d, m * d)
+    less = (*matrix, i * gradient, j * gradient, k * gradient, m * gradient, 0.0, 0.0)
+    return Information(*[entry - change for entry, change in zip(L, less, strict=True)])
 
 
 @kernel
 def blurred(L: Information, position: float, heading: float) -> Information:
-    """Return the information of a scan whose pose has a further error, common to all its beams.
+    """Return the information of a scan whose pose has a further error, common to all its beams, of some variances, m^2, rad^2.
 
     ``(L^-1 + C)^-1`` with a diagonal C, by the Sherman-Morrison formula, one entry after the other, without inverting L.
-
-    Args:
-        L: The information.
-        position: Variance of the error of x and of y, m^2.
-        heading: Variance of the error of the heading, rad^2.
     """
     L = _minus(L, (L.xx, L.xy, L.xt, L.xs), position / (1.0 + position * L.xx), L.x)
     L = _minus(L, (L.xy, L.yy, L.yt, L.ys), position / (1.0 + position * L.yy), L.y)
@@ -261,16 +235,10 @@ def _absorb(
 
 @kernel
 def condition(belief: Belief, sixth: Sixth, at: Guess, L: Information) -> tuple[Belief, Sixth, float, float]:
-    """Condition a belief on the information of a scan.
+    """Condition a belief, and the scale of the ranges, on the information of a scan that was linearized at a guess.
 
     The factors ``L = U' D U`` with a unit upper triangular U make of it up to four scalar measurements with the rows of U and
     the variances 1 / D, for the only update equation of the package. A pivot of zero says nothing.
-
-    Args:
-        belief: Prior.
-        sixth: Prior of the ranges' scale.
-        at: Where the scan was linearized.
-        L: Its information.
 
     Returns:
         The posteriors, whose heading is not wrapped; the normalized innovation squared, and its degrees of freedom.

@@ -16,13 +16,14 @@ References:
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from turtlebot_gym.estimation.sixth import Sixth
 from turtlebot_gym.estimation.update import wrapped
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.descent import LEAST_BEAMS, best_descent, widened
 from turtlebot_gym.localization.information import ScanPoints
+from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
@@ -89,7 +90,7 @@ class Located(NamedTuple):
 
 
 @kernel
-def locate(pose: Pose, R: tuple[float, float, float], q: Any) -> Located:
+def locate(pose: Pose, R: tuple[float, float, float], q: LocalizerTuning) -> Located:
     """Return the localizer at a pose that is known with the variances R; m^2, m^2, rad^2."""
     covariance = Covariance(R[0], 0.0, 0.0, R[1], 0.0, R[2])
     belief = Belief(State(pose.x, pose.y, pose.theta, 0.0, 0.0), covariance)
@@ -98,21 +99,13 @@ def locate(pose: Pose, R: tuple[float, float, float], q: Any) -> Located:
 
 
 @kernel
-def _spread(P: Covariance, heading: float, way: float, turn: float, drift: tuple[float, float], q: Any) -> Covariance:
-    """Add the noise of a step to a covariance.
-
-    Args:
-        P: The covariance.
-        heading: Direction in which the robot moved, rad.
-        way: How far, m.
-        turn: How much it turned, rad, not negative.
-        drift: Variances of way and turn by time, m^2 and rad^2.
-        q: A `LocalizerTuning`, with the noise by way.
-    """
+def _spread(
+    P: Covariance, heading: float, way: float, turn: float, drift: tuple[float, float], q: LocalizerTuning
+) -> Covariance:
+    """Add the noise of a step to a covariance: that by time, ``drift``, and that by way and turn."""
     sine, cosine = sincos(heading)
-    step, cross, swerve = q.along_step * way, q.aside_step * way, q.turn_step * turn
+    step, cross, swerve, sideways = q.along_step * way, q.aside_step * way, q.turn_step * turn, q.aside_turn * turn
     along = drift[0] + q.along_walk * q.along_walk * way + step * step
-    sideways = q.aside_turn * turn
     aside = q.aside_walk * q.aside_walk * way + cross * cross + sideways * sideways
     heading_noise = drift[1] + q.turn_walk * q.turn_walk * way + swerve * swerve
     return P._replace(
@@ -124,7 +117,9 @@ def _spread(P: Covariance, heading: float, way: float, turn: float, drift: tuple
 
 
 @kernel
-def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple[float, float], dt: float, q: Any) -> Located:
+def move(
+    located: Located, before: Pose, now: Pose, twist: Command, drift: tuple[float, float], dt: float, q: LocalizerTuning
+) -> Located:
     """Move the belief as the odometry moved.
 
     Args:
@@ -134,29 +129,22 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
         twist: Executed from now on; kept in the belief, whose pose does not depend on it.
         drift: Variances of way and turn that the interval adds by time, m^2 and rad^2; noise by way is in the tuning.
         dt: The interval, s.
-        q: A `LocalizerTuning`.
+        q: The assumptions.
     """
     mean, P = located.belief
     pose = increment(Pose(mean.x, mean.y, mean.theta), before, now, sincos(mean.theta - before.theta))
-    dx, dy, c = pose.x - mean.x, pose.y - mean.y, located.scale.column
+    dx, dy, scale = pose.x - mean.x, pose.y - mean.y, located.scale
     # F = [1 0 -dy; 0 1 dx; 0 0 1] for the pose; the twist is replaced.
-    xt, yt = P.xt - dy * P.tt, P.yt + dx * P.tt
+    xt, yt, c = P.xt - dy * P.tt, P.yt + dx * P.tt, scale.column
     moved = Covariance(P.xx - dy * (P.xt + xt), P.xy - dy * P.yt + dx * xt, xt, P.yy + dx * (P.yt + yt), yt, P.tt)
-    way, turn, slack = sqrt(dx * dx + dy * dy), abs(wrap(now.theta - before.theta)), located.slack
-    drift = (drift[0] * slack, drift[1] * slack)
+    way, turn = sqrt(dx * dx + dy * dy), abs(wrap(now.theta - before.theta))
+    drift = (drift[0] * located.slack, drift[1] * located.slack)
     spread = _spread(moved, mean.theta, way, turn, drift, q)
-    scale = Sixth(located.scale.mean, located.scale.variance, Pose(c.x - dy * c.theta, c.y + dx * c.theta, c.theta))
-    belief = Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), spread)
+    scale = scale._replace(column=Pose(c.x - dy * c.theta, c.y + dx * c.theta, c.theta))
     taken = located.taken * max(1.0 - way / q.length - turn / q.angle, 0.0)
-    return located._replace(
-        belief=belief,
-        scale=scale,
-        taken=taken,
-        moves=located.moves + 1.0,
-        way_drift=drift[0],
-        turn_drift=drift[1],
-        silent=located.silent + dt,
-    )
+    located = located._replace(taken=taken, moves=located.moves + 1.0, silent=located.silent + dt)
+    belief = Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), spread)
+    return located._replace(belief=belief, scale=scale, way_drift=drift[0], turn_drift=drift[1])
 
 
 @kernel
@@ -166,7 +154,7 @@ def stay(located: Located) -> Located:
 
 
 @kernel
-def _contradicted(located: Located, q: Any) -> Located:
+def _contradicted(located: Located, q: LocalizerTuning) -> Located:
     """Return the localizer after a scan whose beams end where nothing is known: the belief has left the map."""
     misfits = max(located.misfits, 0.0) + 1.0
     misfits = max(misfits, 1.0 * q.patience) if located.silent > SILENT else misfits
@@ -175,14 +163,10 @@ def _contradicted(located: Located, q: Any) -> Located:
 
 
 @kernel
-def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float] = (0.0, 0.0)) -> Located:
-    """Condition the belief on a scan.
+def scan(located: Located, sight: ScanPoints, q: LocalizerTuning, unseen: tuple[float, float] = (0.0, 0.0)) -> Located:
+    """Condition the belief on a scan, as seen from the present pose.
 
-    Args:
-        located: The localizer.
-        sight: The scan, as seen from the present pose, and the map.
-        q: A `LocalizerTuning`.
-        unseen: Number of moves since the scan and during it, whose drift it does not show, see `points.swept`.
+    ``unseen`` is the number of moves since the scan and during it, whose drift it does not show, see `points.swept`.
     """
     take = max(FRESH * (1.0 - located.taken), LEAST_TAKE)
     bias = (q.bias * q.bias / take, q.turn_bias * q.turn_bias / take)
@@ -190,8 +174,7 @@ def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float
     end = best_descent(sight, located.belief, located.scale, bias, q, SHARED * during * located.turn_drift)
     if end.freedom == 0.0:  # a scan without beams says nothing; beams on unknown ground contradict the belief
         return _contradicted(located, q) if sight.number >= LEAST_BEAMS else located
-    bad = 0.7 * q.doubt  # below this share no start has explained the scan
-    agrees = end.agrees
+    bad, agrees = 0.7 * q.doubt, end.agrees  # below this share no start has explained the scan
     loose = q.loosen * q.loosen * max(1.0 - agrees / bad, 0.0) if bad > 0.0 else 0.0
     hidden = since + HIDDEN * during
     drift, turn_drift = 0.5 * hidden * located.way_drift, hidden * located.turn_drift
@@ -215,24 +198,13 @@ def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float
     dx, dy, turn = now.x - was.x, now.y - was.y, wrap(now.theta - was.theta)
     if dx * dx + dy * dy > LEAP * LEAP or abs(turn) > LEAP:  # it may have been carried farther
         misfits = max(misfits, 1.0 * q.patience)
-    return located._replace(
-        belief=belief,
-        nis=3.0 * surprise,
-        scale=end.scale,
-        fits=end.fits,
-        misfits=misfits,
-        taken=min(located.taken + take, 1.0),
-        slack=slack,
-        scans=located.scans + 1.0,
-        weight=weight,
-        strays=strays,
-        agrees=agrees,
-        silent=silent,
-    )
+    taken, scans = min(located.taken + take, 1.0), located.scans + 1.0
+    located = located._replace(belief=belief, nis=3.0 * surprise, scale=end.scale, taken=taken, slack=slack, scans=scans)
+    return located._replace(fits=end.fits, agrees=agrees, strays=strays, misfits=misfits, weight=weight, silent=silent)
 
 
 @kernel
-def state_of(located: Located, q: Any) -> int:
+def state_of(located: Located, q: LocalizerTuning) -> int:
     """Return `TRACKING`; `UNSURE` if scans put the place in doubt, or it is vague; `LOST` if nobody may drive by the belief.
 
     A robot is lost if too many scans put its place in doubt, the last one among them, and none is likely, if as many more have

@@ -11,6 +11,7 @@ from typing import Any
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.information import Guess, ScanPoints
 from turtlebot_gym.localization.points import DX, DY, LENGTH, X, Y
+from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.rooms.field import at_cell
 
@@ -31,24 +32,17 @@ def distance_at(field: Any, frame: Any, x: float, y: float) -> float:
     """Return the distance of the cell at a point, m; NaN in the unknown and beside the map."""
     rows, columns = field.shape
     dx, dy, per_cell = x - float(frame[0]), y - float(frame[1]), 1.0 / float(frame[4])
-    across, up = (
-        (dx * float(frame[2]) + dy * float(frame[3])) * per_cell,
-        (dy * float(frame[2]) - dx * float(frame[3])) * per_cell,
-    )
+    across = (dx * float(frame[2]) + dy * float(frame[3])) * per_cell
+    up = (dy * float(frame[2]) - dx * float(frame[3])) * per_cell
     inside = (across >= 0.0) & (up >= 0.0) & (across < columns) & (up < rows)
     return at_cell(field, int(up), int(across)) if inside else float("nan")
 
 
 @kernel
-def verdict(sight: ScanPoints, at: Guess, q: Any) -> tuple[float, float, float]:
+def verdict(sight: ScanPoints, at: Guess, q: LocalizerTuning) -> tuple[float, float, float]:
     """Return the shares of a scan's beams that speak for a pose, against it, and not at all.
 
     For it are ends near a surface, against it beams through a surface, and `short` of those that end short.
-
-    Args:
-        sight: The scan and the map.
-        at: The pose in the map.
-        q: A `LocalizerTuning`.
     """
     field, frame, points, number = sight
     sine, cosine = sincos(at.theta)
@@ -75,7 +69,7 @@ def verdict(sight: ScanPoints, at: Guess, q: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def agreeing(sight: ScanPoints, at: Guess, q: Any) -> float:
+def agreeing(sight: ScanPoints, at: Guess, q: LocalizerTuning) -> float:
     """Return the share of the beams that speak for a pose among those that speak; too many silent ones count as against it."""
     fit, against, silent = verdict(sight, at, q)
     return fit / max(fit + against + max(silent - SILENT_BEAMS, 0.0), 1e-9)

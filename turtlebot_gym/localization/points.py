@@ -35,29 +35,31 @@ class Timing(NamedTuple):
 
 
 @kernel
+def pose_of(row: Any) -> Pose:
+    """Return the pose whose numbers an array begins with."""
+    return Pose(float(row[0]), float(row[1]), float(row[2]))
+
+
+@kernel
 def remember(trail: Any, time: float, pose: Pose) -> None:
     """Put an odometry pose at the head of a trail, shape (2 or more, 4): time, x, y and heading, newest first; s, m, m, rad."""
     for at in range(len(trail) - 1, 0, -1):
-        for k in range(4):
-            trail[at, k] = trail[at - 1, k]
+        trail[at] = trail[at - 1]
     trail[0, 0], trail[0, 1], trail[0, 2], trail[0, 3] = time, pose.x, pose.y, pose.theta
 
 
 @kernel
 def rest(trail: Any, time: float, pose: Pose) -> None:
     """Begin a trail at rest."""
-    for at in range(len(trail)):
-        trail[at, 0], trail[at, 1], trail[at, 2], trail[at, 3] = time, pose.x, pose.y, pose.theta
+    trail[:, 0], trail[:, 1], trail[:, 2], trail[:, 3] = time, pose.x, pose.y, pose.theta
 
 
 @kernel
 def pose_within(trail: Any, k: int, time: float) -> Pose:
     """Return the pose at a time between rows k + 1 and k of a trail; before and after them, that of the nearer one."""
-    before, passed = k + 1, trail[k, 0] - trail[k + 1, 0]
-    share = min(max((time - trail[before, 0]) / passed, 0.0), 1.0) if passed > 0.0 else 1.0
-    x = trail[before, 1] + share * (trail[k, 1] - trail[before, 1])
-    y = trail[before, 2] + share * (trail[k, 2] - trail[before, 2])
-    return Pose(x, y, trail[before, 3] + share * wrap(trail[k, 3] - trail[before, 3]))
+    (end, end_x, end_y, end_theta), (begin, x, y, theta) = trail[k], trail[k + 1]
+    share = min(max((time - begin) / (end - begin), 0.0), 1.0) if end > begin else 1.0
+    return Pose(x + share * (end_x - x), y + share * (end_y - y), theta + share * wrap(end_theta - theta))
 
 
 @kernel
@@ -108,14 +110,9 @@ def to_points(ranges: Any, beams: Any, turn: int, timing: Timing, trail: Any, po
 
 @kernel
 def swept(timing: Timing, beams: int, trail: Any) -> tuple[float, float]:
-    """Return the number of the odometry's intervals since the end of a scan, and during it.
+    """Return the number of the odometry's intervals since the end of a scan of so many beams, and during it.
 
     Its beams are brought to the present pose by the odometry, with the odometry's drift since then, which they do not show.
-
-    Args:
-        timing: When the beams were measured.
-        beams: Number of beams.
-        trail: The odometry, see `remember`.
     """
     passed = trail[0, 0] - trail[1, 0]
     per_second = 1.0 / passed if passed > 0.0 else 0.0

@@ -30,10 +30,10 @@ from turtlebot_gym.rooms.sensing import clearance, measure
 from turtlebot_gym.rooms.walking import STANDS, walk
 from turtlebot_gym.systems.fixes import fix_sensor
 from turtlebot_gym.systems.imu import IMU
-from turtlebot_gym.systems.localizing import localizing
 from turtlebot_gym.systems.missions import on_missions
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import SENSORS, Parameters, RoomParameters
+from turtlebot_gym.systems.scans import localizing, tracking
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import RoomParts, System
 from turtlebot_gym.systems.world import RoomState
@@ -192,8 +192,6 @@ def find_system(system: System | str | Callable[[Parameters], System] | WithTerm
             return seen
         if not parameters.noise.odometry.wheel:
             raise ValueError("observation 'tracks' needs wheel odometry: choose such a noise, such as noise='wheel'.")
-        from turtlebot_gym.systems.tracking import tracking
-
         return tracking(seen)
     loaded: Any = load_object(system) if isinstance(system, str) else system
     if callable(loaded):

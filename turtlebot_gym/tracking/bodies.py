@@ -7,16 +7,17 @@ noise; what stands before something hides a part of it, so that side of a run sa
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.tracking.sweep import Sweep, bin_of, deviation_at, end_of, goes_round, time_of, was_free
 
 MOST_BODIES, COLUMNS = 64, 10
-"""Most bodies of a scan."""
 X, Y, UX, UY, AT, VARIANCE, RADIUS, WHOLE, MOVED, TAKEN = range(COLUMNS)
-"""Columns of bodies: position in the odometry's frame, m; unit vector towards it; time, s; variance of each coordinate, m^2;
-radius, m; 1 if no side is hidden; 1 if the place was free before; and 1 if used."""
+"""Most bodies of a scan, and their columns: position in the odometry's frame, m; unit vector towards it; time, s; variance of
+each coordinate, m^2; radius, m; 1 if no side is hidden; 1 if the place was free before; and 1 if used."""
 GAP = 2
 """Most beams without a return inside of a run."""
 POST = 0.15
@@ -33,14 +34,8 @@ LEAST_RADIUS, MOST_RADIUS, USUAL_RADIUS = 0.02, 0.45, 0.25
 """Radii of what may be a leg or a person, and that of a person of whom a part is hidden, m."""
 DEPTH = 0.785
 """Mean distance of a round body's visible points from its nearest one, in radii, subtracted from 1: pi / 4."""
-SHAPE = 0.01
-"""Standard deviation of a body's place since bodies are not round, m ..."""
-HIDDEN = 0.05
-"""... since a part is hidden ..."""
-NARROW = 0.12
-"""... since all but a narrow part is ..."""
-LEGS = 0.06
-"""... and since legs swing."""
+SHAPE, HIDDEN, NARROW, LEGS = 0.01, 0.05, 0.12, 0.06
+"""Standard deviations of a place since bodies are not round, a part is hidden, all but a narrow part is, and legs swing; m."""
 LEG_RADIUS, STRIDE = 0.13, 0.6
 """Greatest radius of a leg, and distance between two legs of a person, m."""
 TWO = 0.33
@@ -53,35 +48,34 @@ JUST = 1e-6
 """Subtracted from the time of such a run, s, so that the whole body of the next revolution is later."""
 
 
-@kernel
-def _radius_of(mean: float, beams: int, sweep: Sweep) -> float:
-    """Return the radius of a round body that some beams meet at a mean range, m."""
-    half = 0.5 * abs(sweep.step) * beams
-    return mean * half / max(1.0 - DEPTH * half, 0.3)
+class Run(NamedTuple):
+    """Neighbouring beams that end at one body, or at bodies beside each other; beams below 0 are of the revolution before."""
+
+    first: int
+    last: int
+    n: int
+    """Number of beams with a return, and of those at which it is too near to be measured."""
+    total: float
+    """Sum of their ranges, m."""
+    hidden: int
+    """Sum of 1 if the first beam's side is hidden, and 2 if the last beam's is, or 4 if it goes on in the next revolution."""
 
 
 @kernel
-def _add_body(
-    bodies: Any, count: int, first: int, last: int, n: int, total: float, hidden: int, sweep: Sweep, trail: Any
-) -> int:
-    """Add the body of a run, if a person or a leg may be as wide; return the number of bodies.
+def _radius_of(run: Run, sweep: Sweep) -> float:
+    """Return the radius of a round body that the beams of a run meet, m."""
+    half = 0.5 * abs(sweep.step) * (run.last - run.first + 1)
+    return run.total / run.n * half / max(1.0 - DEPTH * half, 0.3)
 
-    Args:
-        bodies: Shape (`MOST_BODIES`, `COLUMNS`).
-        count: Their number.
-        first: First beam of the run ...
-        last: ... and the last.
-        n: Number of those with a return.
-        total: Sum of their ranges, m.
-        hidden: Sum of 1 if the first beam's side is hidden, and 2 if the last beam's side is, or 4 if the run goes on in the
-            next revolution.
-        sweep: How beams were measured.
-        trail: The odometry.
-    """
+
+@kernel
+def _add_body(bodies: Any, count: int, run: Run, sweep: Sweep, trail: Any) -> int:
+    """Add the body of a run, if a person or a leg may be as wide; return the number of bodies."""
+    first, last, n, total, hidden = run
     goes_on = hidden >= 4
     if n < LEAST_BEAMS or hidden == 3 or hidden == 5 or count >= len(bodies):
         return count
-    mean, radius = total / n, _radius_of(total / n, last - first + 1, sweep)
+    mean, radius = total / n, _radius_of(run, sweep)
     if not (BEGUN if goes_on else LEAST_RADIUS) <= radius <= MOST_RADIUS:
         return count
     middle, noise = 0.5 * (first + last), deviation_at(mean, sweep)
@@ -92,19 +86,12 @@ def _add_body(
         beams = radius / (mean + radius) / abs(sweep.step)
         middle = last + 0.5 - beams if hidden == 1 else first - 0.5 + beams
     whole = hidden == 0 and mean + radius < sweep.range_max
-    body = bodies[count]
+    body, unsure = bodies[count], 0.0 if whole else (NARROW if narrow else HIDDEN)
     body[X], body[Y], body[UX], body[UY] = end_of(middle, mean + DEPTH * radius, sweep, trail)
-    unsure = 0.0 if whole else (NARROW if narrow else HIDDEN)
     body[AT] = time_of(min(middle, sweep.number - 1.0), sweep) - (JUST if goes_on else 0.0)
     body[VARIANCE] = variance + unsure * unsure
     body[RADIUS], body[WHOLE], body[MOVED], body[TAKEN] = radius, 1.0 if whole else 0.0, 0.0, 0.0
     return count + 1
-
-
-@kernel
-def _length_of(beam: int, ranges: Any, tail: Any, sweep: Sweep) -> float:
-    """Return what a beam measured, m; beams below 0 are those of the revolution before."""
-    return float(ranges[beam]) if beam >= 0 else float(tail[min(len(tail), sweep.number) + beam])
 
 
 @kernel
@@ -114,56 +101,42 @@ def _is_return(length: float, sweep: Sweep) -> bool:
 
 
 @kernel
-def _meeting(first: int, last: int, ranges: Any, tail: Any, sweep: Sweep) -> int:
+def _meeting(run: Run, lengths: Any, sweep: Sweep) -> int:
     """Return the beam of a run at which two bodies meet, by means of three ranges; the last one if there is only one body."""
-    low, peak, at, found, before, older = math.inf, 0.0, last, last, 0.0, 0.0
-    for beam in range(first, last + 1):
-        length = _length_of(beam, ranges, tail, sweep)
-        if found < last or not _is_return(length, sweep):
+    low, peak, at, before, older = math.inf, 0.0, run.last, 0.0, 0.0
+    for beam in range(run.first, run.last + 1):
+        length = float(lengths[len(lengths) - sweep.number + beam])
+        if not _is_return(length, sweep):
             continue
         mean, smooth, older, before = (length + before + older) / 3.0, older > 0.0, before, length
         if not smooth:
             continue
         least = max(MEET, MEET_SHARE * deviation_at(mean, sweep))
-        if at < last and mean < peak - least:
-            found = at
-        elif mean < low:
-            low, peak, at = mean, mean, last
+        if at < run.last and mean < peak - least:
+            return at
+        if mean < low:
+            low, peak, at = mean, mean, run.last
         elif mean > peak:
-            peak, at = mean, beam - 1 if mean - low > least else last
-    return found
+            peak, at = mean, beam - 1 if mean - low > least else run.last
+    return run.last
 
 
 @kernel
-def _add_run(
-    bodies: Any,
-    count: int,
-    first: int,
-    last: int,
-    n: int,
-    total: float,
-    hidden: int,
-    ranges: Any,
-    tail: Any,
-    sweep: Sweep,
-    trail: Any,
-) -> int:
-    """Add the bodies of a run, see `_add_body`: two if a wide one is farther away in between; return their number."""
-    cut = last
-    if _radius_of(total / n, last - first + 1, sweep) >= TWO:
-        cut = _meeting(first, last, ranges, tail, sweep)
-    if cut == last:
-        return _add_body(bodies, count, first, last, n, total, hidden, sweep, trail)
-    m, part = 0, 0.0
-    for beam in range(first, cut + 1):
-        length = _length_of(beam, ranges, tail, sweep)
+def _add_run(bodies: Any, count: int, run: Run, lengths: Any, sweep: Sweep, trail: Any) -> int:
+    """Add the bodies of a run: two if a wide one is farther away in between; return the number of bodies."""
+    cut = _meeting(run, lengths, sweep) if _radius_of(run, sweep) >= TWO else run.last
+    if cut == run.last:
+        return _add_body(bodies, count, run, sweep, trail)
+    m, part, zero = 0, 0.0, len(lengths) - sweep.number
+    for length in lengths[zero + run.first : zero + cut + 1]:
         if _is_return(length, sweep):
             m, part = m + 1, part + length
-    if not 0 < m < n:
+    n, total, hidden = run.n - m, run.total - part, run.hidden
+    if not 0 < m < run.n:
         return count
-    behind = part * (n - m) > (total - part) * m  # the nearer one hides a part of the other
-    count = _add_body(bodies, count, first, cut, m, part, hidden % 2 + (2 if behind else 0), sweep, trail)
-    return _add_body(bodies, count, cut + 1, last, n - m, total - part, hidden // 2 * 2 + (0 if behind else 1), sweep, trail)
+    behind = part * n > total * m  # the nearer one hides a part of the other
+    count = _add_body(bodies, count, Run(run.first, cut, m, part, hidden % 2 + (2 if behind else 0)), sweep, trail)
+    return _add_body(bodies, count, Run(cut + 1, run.last, n, total, hidden // 2 * 2 + (0 if behind else 1)), sweep, trail)
 
 
 @kernel
@@ -198,42 +171,40 @@ def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, 
         bodies: Output, shape (`MOST_BODIES`, `COLUMNS`).
     """
     number, width = sweep.number, min(len(tail), sweep.number)
+    lengths = np.empty(width + number)
+    lengths[width:] = ranges[:number]
+    lengths[:width] = lengths[number:] if sweep.interval == 0.0 else tail[:width]
+    tail[:width] = lengths[number:]
     full = goes_round(number, sweep.step)
-    if sweep.interval == 0.0:
-        for k in range(width):
-            tail[k] = float(ranges[number - width + k])
-    count, n, first, last, hidden, total, before = 0, 0, 0, -width - 1, 1, 0.0, math.inf
+    count, run, before = 0, Run(0, -width - 1, 0, 0.0, 1), math.inf
     blind, post = True, True  # since the last return there was a beam that may be blind, or only such
     for beam in range(-width if full else 0, number):
-        length = _length_of(beam, ranges, tail, sweep)
+        length = float(lengths[width + beam])
         if not _is_return(length, sweep):
             dead = returns[bin_of(beam, number)] == 0.0
             blind, post = blind or length != math.inf or dead, post and dead
             continue
         if beam >= 0:
             returns[bin_of(beam, number)] = 1.0
-        noise = deviation_at(min(length, before), sweep)
-        near = beam - last <= GAP + 1
-        if n > 0 and not near and max(length, before) <= sweep.range_min + max(TOUCH, JUMP * noise):
-            missing = beam - last - 1  # by what stands nearer than the LiDAR can measure
-            n, last, before, blind, post = n + missing + 1, beam, length, False, True
-            total += missing * TOO_NEAR * sweep.range_min + length
-            continue
-        is_same = near or (post and (beam - last) * abs(sweep.step) <= POST)
-        if n > 0 and is_same and abs(length - before) <= max(LEAST_JUMP, JUMP * noise):
-            n, last, total, before, blind, post = n + 1, beam, total + length, length, False, True
-            continue
-        if n > 0 and last >= -1 - GAP:
-            behind = 2 if (near and length < before) or (blind and not near) else 0
-            count = _add_run(bodies, count, first, last, n, total, hidden | behind, ranges, tail, sweep, trail)
-        hidden = 1 if (near and length > before) or (blind and not near) else 0
-        n, first, last, total, before, blind, post = 1, beam, beam, length, length, False, True
-    goes_on = full and last >= number - 1 - GAP
-    if n > 0 and not (goes_on and sweep.interval == 0.0):
-        behind = 4 if goes_on else 2 if blind or not full else 0
-        count = _add_run(bodies, count, first, last, n, total, hidden | behind, ranges, tail, sweep, trail)
-    for k in range(width):
-        tail[k] = float(ranges[number - width + k])
+        missing, noise = beam - run.last - 1, deviation_at(min(length, before), sweep)
+        near, n, more = missing <= GAP, 1, length
+        is_same = near or (post and (missing + 1) * abs(sweep.step) <= POST)
+        is_same = run.n > 0 and is_same and abs(length - before) <= max(LEAST_JUMP, JUMP * noise)
+        if run.n > 0 and not near and max(length, before) <= sweep.range_min + max(TOUCH, JUMP * noise):
+            is_same, n = True, missing + 1  # by what stands nearer than the LiDAR can measure
+            more = missing * TOO_NEAR * sweep.range_min + length
+        if not is_same:
+            hides = blind and not near
+            if run.n > 0 and run.last >= -1 - GAP:
+                ended = run._replace(hidden=run.hidden | (2 if (near and length < before) or hides else 0))
+                count = _add_run(bodies, count, ended, lengths, sweep, trail)
+            run = Run(beam, beam, 0, 0.0, 1 if (near and length > before) or hides else 0)
+        run = run._replace(last=beam, n=run.n + n, total=run.total + more)
+        before, blind, post = length, False, True
+    goes_on = full and run.last >= number - 1 - GAP
+    if run.n > 0 and not (goes_on and sweep.interval == 0.0):
+        ended = run._replace(hidden=run.hidden | (4 if goes_on else 2 if blind or not full else 0))
+        count = _add_run(bodies, count, ended, lengths, sweep, trail)
     return count
 
 

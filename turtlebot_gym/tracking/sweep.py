@@ -77,7 +77,7 @@ def bearing(x: float, y: float) -> float:
 
 @kernel
 def pose_at(trail: Any, time: float) -> Pose:
-    """Return the odometry's pose at a time; before and after the trail, see `localization.points.remember`, its ends."""
+    """Return the odometry's pose at a time; before and after the trail, its ends."""
     k = len(trail) - 2
     while k > 0 and trail[k, 0] < time:
         k -= 1
@@ -114,26 +114,13 @@ def bin_of(beam: int, number: int) -> int:
 
 
 @kernel
-def keep_scan(past: Any, slot: int, ranges: Any, sweep: Sweep, trail: Any, turned: float) -> None:
-    """Remember a scan, and the odometry beneath it.
-
-    Args:
-        past: Shape (`PAST`, `HEAD` + 4 T + B).
-        slot: Row to which it is written.
-        ranges: Shape (B,), m.
-        sweep: How they were measured.
-        trail: The odometry, shape (T, 4).
-        turned: Sum of its turns, rad.
-    """
-    row = past[slot]
+def keep_scan(row: Any, ranges: Any, sweep: Sweep, trail: Any, turned: float) -> None:
+    """Write a scan, of the odometry ``trail`` and the sum ``turned`` of its turns, to a row of remembered ones."""
+    first = HEAD + 4 * len(trail)
     row[NUMBER], row[LAST], row[INTERVAL] = sweep.number, sweep.last, sweep.interval
     row[TURNED], row[FIRST], row[STEP] = turned, sweep.first, sweep.step
-    for k in range(len(trail)):
-        for column in range(4):
-            row[HEAD + 4 * k + column] = trail[k, column]
-    first = HEAD + 4 * len(trail)
-    for beam in range(sweep.number):
-        row[first + beam] = float(ranges[beam])
+    row[HEAD:first].reshape(len(trail), 4)[:] = trail
+    row[first : first + sweep.number] = ranges[: sweep.number]
 
 
 @kernel
@@ -150,39 +137,27 @@ def _passed(row: Any, returns: Any, x: float, y: float, sweep: Sweep, trail: Any
         ahead = (bearing(dx, dy) - at.theta - row[FIRST]) / row[STEP]
         turn = TWO_PI / abs(row[STEP])
         before, beam = beam, ahead - turn * math.floor((ahead + 0.5) / turn)
+    if not abs(beam - before) < 1.0:  # a robot that turns may leave a gap between the ends of a revolution
+        return False
     middle, beside = int(beam + 0.5), 1 + int(2.0 * TURN_SHARE * (turned - row[TURNED]) / abs(row[STEP]))
     far = length + max(LEAST_MARGIN, MARGIN * deviation_at(length, sweep))
-    passed = abs(beam - before) < 1.0  # a robot that turns may leave a gap between the ends of a revolution
     around = number  # beams from an end of a revolution to where the other end looks in the same direction
     if goes_round(number, row[STEP]) and (middle < beside or middle + beside >= number):
         turned_by = pose_at(then, row[LAST]).theta - pose_at(then, row[LAST] - row[INTERVAL] * (number - 1)).theta
         around = int(number + 0.5 - turned_by / row[STEP])
     for side in range(middle - beside, middle + beside + 1):
         near = side - around if side >= number else (side + around if side < 0 else side)
-        inside = 0 <= near < number
-        beam_length = row[first + near] if inside else 0.0
+        beam_length = row[first + near] if 0 <= near < number else 0.0
         empty = beam_length == math.inf and far <= sweep.range_max and returns[bin_of(near, number)] > 0.0
-        passed = passed and inside and (empty or far <= beam_length < math.inf)
-    return passed
+        if not (empty or far <= beam_length < math.inf):
+            return False
+    return True
 
 
 @kernel
 def was_free(past: Any, returns: Any, x: float, y: float, now: float, sweep: Sweep, trail: Any, turned: float) -> bool:
-    """Return whether a point was free in a remembered scan: what is there now has moved.
-
-    Args:
-        past: Remembered scans, see `keep_scan`.
-        returns: Shape (`BINS`,): 1 where a beam has returned something at least once; elsewhere the LiDAR may be blind.
-        x: Position in the odometry's frame, m.
-        y: The same.
-        now: Time, s.
-        sweep: How scans are measured.
-        trail: The odometry.
-        turned: Sum of its turns, rad.
-    """
-    free = False
-    for slot in range(len(past)):
-        row = past[slot]
-        if not free and row[NUMBER] > 0.0 and now - row[LAST] >= 0.5 * EVERY:
-            free = _passed(row, returns, x, y, sweep, trail, turned)
-    return free
+    """Return whether a point in the odometry's frame was free in a remembered scan: what is there now has moved."""
+    for row in past:
+        if row[NUMBER] > 0.0 and now - row[LAST] >= 0.5 * EVERY and _passed(row, returns, x, y, sweep, trail, turned):
+            return True
+    return False

@@ -1,4 +1,4 @@
-"""The tracker: what it remembers, and its steps when odometry or a scan arrives and when a policy looks."""
+"""The tracker: what it remembers, and its steps when odometry or a scan arrives; what a policy sees, `tracks.look` writes."""
 
 from __future__ import annotations
 
@@ -6,31 +6,15 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.points import remember, rest
-from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
 from turtlebot_gym.tracking.bodies import COLUMNS, MOST_BODIES, find_bodies, mark_moved
-from turtlebot_gym.tracking.sweep import BINS, EVERY, HEAD, PAST, Sweep, keep_scan
-from turtlebot_gym.tracking.tracks import (
-    CAPACITY,
-    FIELDS,
-    FRESH,
-    MOVES,
-    NONE,
-    PX,
-    PY,
-    SIZE,
-    STATE,
-    TIME,
-    VX,
-    VY,
-    follow,
-    predicted,
-)
-from turtlebot_gym.values import Command, Pose
+from turtlebot_gym.tracking.sweep import BINS, EVERY, HEAD, NUMBER, PAST, Sweep, keep_scan
+from turtlebot_gym.tracking.tracks import CAPACITY, FIELDS, NONE, STATE, follow
+from turtlebot_gym.values import Pose
 
 TAIL = 4
 """Share of a revolution that a body may cover, its inverse."""
@@ -67,19 +51,9 @@ def make_memory(number: int, *, beams: int, poses: int) -> TrackerMemory:
         poses: Number of odometry poses that reach back to the first beam that is read, see `poses_for`.
     """
 
-    def zeros(*shape: int) -> NDArray[np.float64]:
-        return np.zeros((number, *shape))
-
-    return TrackerMemory(
-        trail=zeros(poses, 4),
-        past=zeros(PAST, HEAD + 4 * poses + beams),
-        tail=zeros(beams // TAIL),
-        returns=zeros(BINS),
-        bodies=zeros(MOST_BODIES, COLUMNS),
-        tracks=zeros(CAPACITY, FIELDS),
-        clock=zeros(3),
-        seen=np.zeros((number, NEAREST * len(TRACK_BOUNDS[0])), np.float32),
-    )
+    shapes = (poses, 4), (PAST, HEAD + 4 * poses + beams), (beams // TAIL,), (BINS,), (MOST_BODIES, COLUMNS), (CAPACITY, FIELDS)
+    seen = np.zeros((number, NEAREST * len(TRACK_BOUNDS[0])), np.float32)
+    return TrackerMemory(*(np.zeros((number, *shape)) for shape in (*shapes, (3,))), seen=seen)
 
 
 def poses_for(revolution: float, dt: float) -> int:
@@ -90,33 +64,19 @@ def poses_for(revolution: float, dt: float) -> int:
 @kernel
 def memory_at(memories: TrackerMemory, index: int) -> TrackerMemory:
     """Return the memory of one robot of many, as views."""
-    return TrackerMemory(
-        memories.trail[index],
-        memories.past[index],
-        memories.tail[index],
-        memories.returns[index],
-        memories.bodies[index],
-        memories.tracks[index],
-        memories.clock[index],
-        memories.seen[index],
-    )
+    return TrackerMemory(*[part[index] for part in memories])
 
 
 @kernel
 def begin(memory: TrackerMemory, time: float, pose: Pose) -> None:
     """Begin at rest, with nothing seen; time in s, pose of the odometry."""
     rest(memory.trail, time, pose)
-    for slot in range(len(memory.past)):
-        memory.past[slot, 0] = 0.0
-    for k in range(len(memory.tail)):
-        memory.tail[k] = math.nan
-    for k in range(len(memory.returns)):
-        memory.returns[k] = 0.0
-    for k in range(len(memory.tracks)):
-        memory.tracks[k, STATE] = 0.0
+    memory.past[:, NUMBER] = 0.0
+    memory.tail.fill(math.nan)
+    memory.returns.fill(0.0)
+    memory.tracks[:, STATE] = NONE
     memory.clock[_TURNED], memory.clock[_SLOT], memory.clock[_KEPT] = 0.0, 0.0, -math.inf
-    for k in range(len(memory.seen)):
-        memory.seen[k] = 0.0
+    memory.seen.fill(0.0)
 
 
 @kernel
@@ -140,55 +100,5 @@ def on_scan(memory: TrackerMemory, ranges: Any, sweep: Sweep) -> None:
     mark_moved(bodies, count, past, returns, sweep, trail, clock[_TURNED])
     follow(memory.tracks, bodies, count, sweep.last)
     if sweep.last - clock[_KEPT] >= EVERY - 1e-6:
-        keep_scan(past, int(clock[_SLOT]), ranges, sweep, trail, clock[_TURNED])
+        keep_scan(past[int(clock[_SLOT])], ranges, sweep, trail, clock[_TURNED])
         clock[_SLOT], clock[_KEPT] = (clock[_SLOT] + 1.0) % PAST, sweep.last
-
-
-@kernel
-def _write(seen: Any, place: int, track: Any, now: float, pose: Pose, twist: Command, scale: float) -> None:
-    """Write the numbers of a track, as `observations.TRACKS` lists them."""
-    dt, (sine, cosine) = now - track[TIME], sincos(pose.theta)
-    P = predicted(track, dt)
-    dx, dy = track[PX] + dt * track[VX] - pose.x, track[PY] + dt * track[VY] - pose.y
-    # Ranges that are too long by a share lengthen the way from the robot, and the velocity relative to it, by that share.
-    ux, uy = track[VX] - twist.v * cosine, track[VY] - twist.v * sine
-    numbers = (
-        cosine * dx + sine * dy,
-        cosine * dy - sine * dx,
-        cosine * track[VX] + sine * track[VY],
-        cosine * track[VY] - sine * track[VX],
-        sqrt(2.0 * P.pp + scale * scale * (dx * dx + dy * dy)),
-        sqrt(2.0 * P.vv + scale * scale * (ux * ux + uy * uy)),
-        track[SIZE],
-        1.0 if track[STATE] == MOVES else 0.5,
-    )
-    low, high = TRACK_BOUNDS
-    for k in range(len(low)):
-        seen[place * len(low) + k] = min(max(numbers[k], low[k]), high[k])
-
-
-@kernel
-def look(memory: TrackerMemory, now: float, pose: Pose, twist: Command, scale: float) -> None:
-    """Write the nearest tracks into ``memory.seen``.
-
-    Args:
-        memory: The tracker.
-        now: Present time, s.
-        pose: The odometry's pose.
-        twist: The robot's twist.
-        scale: Standard deviation of the share by which all ranges may be too long.
-    """
-    tracks, seen, nearest = memory.tracks, memory.seen, -1.0
-    for k in range(len(seen)):
-        seen[k] = 0.0
-    for place in range(NEAREST):
-        least, found = math.inf, -1
-        for k in range(len(tracks)):
-            dx, dy = tracks[k, PX] - pose.x, tracks[k, PY] - pose.y
-            far = dx * dx + dy * dy
-            if tracks[k, STATE] > NONE and now - tracks[k, TIME] <= FRESH and nearest < far < least:
-                least, found = far, k
-        if found < 0:
-            break
-        _write(seen, place, tracks[found], now, pose, twist, scale)
-        nearest = least

@@ -14,7 +14,7 @@ from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.scan import obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import system_of
-from turtlebot_gym.systems.tracking import TrackedScene
+from turtlebot_gym.systems.scans import TrackedScene
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.policies.fit import parameters_of
 

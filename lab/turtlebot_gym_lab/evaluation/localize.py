@@ -15,6 +15,7 @@ from turtlebot_gym.localization.localizer import TRACKING, locate, move, state_o
 from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.rooms.scene import LocalizerMemory
 from turtlebot_gym.values import Command, Pose
 
 TRAIL = 64
@@ -105,7 +106,8 @@ def _follow(
     states: Any,
 ) -> Any:
     """Write the belief at each row from ``first`` on, shape (T, 11): pose, covariance, share of fitting beams."""
-    trail, bank = np.empty((TRAIL, 4)), np.zeros((ROWS, COLUMNS))
+    trail = np.empty((TRAIL, 4))
+    memory = LocalizerMemory(field, frame, trail, np.zeros((ROWS, COLUMNS)))
     now = Pose(odometry[first, 0], odometry[first, 1], odometry[first, 2])
     rest(trail, time[first], now)
     at = 0
@@ -124,7 +126,7 @@ def _follow(
             is_due = left_out == STALE or state_of(located, q) != TRACKING
             if way > STILL or turn > UNTURNED or is_due:
                 when = Timing(last[at], timing.interval, timing.x, timing.y, timing.range_max)
-                located = correct_by_scan(located, ranges[at], beams[at], when, trail, bank, field, frame, q)
+                located = correct_by_scan(located, ranges[at], beams[at], when, memory, q)
                 way, turn, left_out = 0.0, 0.0, 0
             else:
                 located, left_out = stay(located), left_out + 1

@@ -27,7 +27,7 @@ from turtlebot_gym.rooms.lidar import aim
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.sectors import EDGE
 from turtlebot_gym.rooms.worlds import find_lidar
-from turtlebot_gym.systems.localizing import drift_of
+from turtlebot_gym.systems.scans import drift_of
 from turtlebot_gym.values import ORIGIN, Command, Odometry, Pose
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility
 from turtlebot_gym_ros.blocks.ticks import Ticks

@@ -15,10 +15,11 @@ from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.rooms.sectors import EDGE
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.silence import Silence, place_of
-from turtlebot_gym.systems.tracking import UNIFORM, sweep_of
+from turtlebot_gym.systems.scans import UNIFORM, sweep_of
 from turtlebot_gym.tracking.bodies import POST
 from turtlebot_gym.tracking.sweep import Sweep, pose_at
-from turtlebot_gym.tracking.tracker import begin, look, make_memory, memory_at, on_odometry, on_scan
+from turtlebot_gym.tracking.tracker import begin, make_memory, memory_at, on_odometry, on_scan
+from turtlebot_gym.tracking.tracks import look
 from turtlebot_gym.values import Odometry
 from turtlebot_gym_ros.blocks.ticks import Ticks
 from turtlebot_gym_ros.node.block import SCAN, Input, On, Output, Stamped, Tracks
@@ -98,8 +99,9 @@ class PeopleTracker:
         if odometry.measured and self._ticks.time > self._memory.trail[0, 0]:
             on_odometry(self._memory, self._ticks.time, odometry.pose)
         self._look_at(scan)
-        look(self._memory, self._ticks.time, odometry.pose, odometry.twist, UNIFORM * self._lidar.accuracy)
-        return {"nearest": Tracks(self._memory.seen.tolist())}
+        tracks, seen = self._memory.tracks, self._memory.seen
+        look(tracks, seen, self._ticks.time, odometry.pose, odometry.twist, UNIFORM * self._lidar.accuracy)
+        return {"nearest": Tracks(seen.tolist())}
 
     def _look_at(self, scan: Stamped) -> None:
         """Update the tracks by a scan, if it is new and the odometry has reached its last beam."""
