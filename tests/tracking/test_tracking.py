@@ -9,6 +9,7 @@ import pytest
 from turtlebot_gym import Episode
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.observations import NEAREST, TRACKS
+from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tracking.bodies import AT, RADIUS
 from turtlebot_gym.tracking.sweep import Sweep, bearing
@@ -17,7 +18,8 @@ from turtlebot_gym.tracking.tracks import MOVES, STATE, TIME, look
 from turtlebot_gym.values import Command, Pose
 
 BEAMS, REVOLUTION, DT = 360, 0.2, 0.05
-SWEEP = Sweep(BEAMS, 0.0, math.tau / BEAMS, 0.0, REVOLUTION / BEAMS, -0.03, 0.0, 0.12, 8.0, 0.005, 0.0175, 0.03)
+LIDAR, SCALE = Lidar(range_min=0.12, range_max=8.0, deviation=0.005, deviation_share=0.0175), 0.03
+SWEEP = Sweep(LIDAR, BEAMS, 0.0, math.tau / BEAMS, 0.0, REVOLUTION / BEAMS, -0.03, 0.0, 8.0)
 HALL = 3.0
 """Half the side of a square hall, m."""
 
@@ -35,8 +37,8 @@ def ranges_at(poses, circles_at, times, rng):
             across = (cx - at_x[beam]) * dy[beam] - (cy - at_y[beam]) * dx[beam]
             if along > 0.0 and abs(across) < radius:
                 lengths[beam] = min(lengths[beam], along - math.sqrt(radius**2 - across**2))
-    lengths += rng.normal(size=BEAMS) * np.maximum(SWEEP.deviation, SWEEP.deviation_share * lengths)
-    return np.where(lengths < SWEEP.range_min, math.inf, lengths)
+    lengths += rng.normal(size=BEAMS) * np.maximum(LIDAR.deviation, LIDAR.deviation_share * lengths)
+    return np.where(lengths < LIDAR.range_min, math.inf, lengths)
 
 
 def drive(circles_at, seconds, *, v=0.0, omega=0.0, seed=0):
@@ -59,7 +61,7 @@ def drive(circles_at, seconds, *, v=0.0, omega=0.0, seed=0):
         if step % round(REVOLUTION / DT) == 0:
             times = time - SWEEP.interval * np.arange(BEAMS - 1, -1, -1)
             on_scan(memory, ranges_at(poses(times), circles_at, times, rng), SWEEP._replace(last=time))
-            look(memory.tracks, memory.seen, time, pose(time), Command(v, omega), SWEEP.scale)
+            look(memory.tracks, memory.seen, time, pose(time), Command(v, omega), SCALE)
             yield time, memory, pose(time)
 
 

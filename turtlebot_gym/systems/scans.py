@@ -62,21 +62,8 @@ def _interval(lidar: Any) -> float:
 @kernel
 def sweep_of(lidar: Any, last: float, dt: float) -> Sweep:
     """Return how a simulated LiDAR measured the scan whose last beam was at a time, s; what walks moves once in each step."""
-    return Sweep(
-        number=int(lidar.beams),
-        first=lidar.yaw,
-        step=TWO_PI / lidar.beams,
-        last=last,
-        interval=_interval(lidar),
-        x=lidar.x,
-        y=lidar.y,
-        range_min=lidar.range_min,
-        range_max=lidar.range_max,
-        deviation=lidar.deviation,
-        deviation_share=lidar.deviation_share,
-        scale=UNIFORM * lidar.accuracy,
-        tick=dt,
-    )
+    number, step, interval = int(lidar.beams), TWO_PI / lidar.beams, _interval(lidar)
+    return Sweep(lidar, number, lidar.yaw, step, last, interval, lidar.x, lidar.y, lidar.range_max, dt)
 
 
 @kernel

@@ -190,9 +190,9 @@ def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, 
         near, n, more = missing <= GAP, 1, length
         is_same = near or (post and (missing + 1) * abs(sweep.step) <= POST)
         is_same = run.n > 0 and is_same and abs(length - before) <= max(LEAST_JUMP, JUMP * noise)
-        if run.n > 0 and not near and max(length, before) <= sweep.range_min + max(TOUCH, JUMP * noise):
+        if run.n > 0 and not near and max(length, before) <= sweep.lidar.range_min + max(TOUCH, JUMP * noise):
             is_same, n = True, missing + 1  # by what stands nearer than the LiDAR can measure
-            more = missing * TOO_NEAR * sweep.range_min + length
+            more = missing * TOO_NEAR * sweep.lidar.range_min + length
         if not is_same:
             hides = blind and not near
             if run.n > 0 and run.last >= -1 - GAP:

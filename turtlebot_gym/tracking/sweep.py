@@ -26,6 +26,8 @@ LEAST_MARGIN, MARGIN = 0.15, 4.0
 class Sweep(NamedTuple):
     """How the beams of a scan were measured."""
 
+    lidar: Any
+    """Ranges and noise of the LiDAR, a `rooms.lidar.Lidar`."""
     number: int
     """Number of beams."""
     first: float
@@ -39,16 +41,8 @@ class Sweep(NamedTuple):
     x: float
     """Position of the LiDAR in the robot's frame, m."""
     y: float
-    range_min: float
-    """Least range that is a measurement, m ..."""
     range_max: float
-    """... and the greatest."""
-    deviation: float
-    """Standard deviation of a range, m ..."""
-    deviation_share: float
-    """... or as a share of the range, if that is more."""
-    scale: float
-    """Standard deviation of the share by which all ranges may be too long."""
+    """Greatest range that is a measurement, m."""
     tick: float = 0.0
     """Interval in which what is seen moves at once, as in a simulation, s; 0 on a robot."""
 
@@ -56,7 +50,7 @@ class Sweep(NamedTuple):
 @kernel
 def deviation_at(length: float, sweep: Sweep) -> float:
     """Return the standard deviation of a range, m."""
-    return max(sweep.deviation, sweep.deviation_share * length)
+    return max(sweep.lidar.deviation, sweep.lidar.deviation_share * length)
 
 
 @kernel
