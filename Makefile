@@ -51,7 +51,8 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	@echo "  rooms.html           open it in a browser: two policies in a room over each other; play, and select times"
 	@echo "  square_by_time.png   the tutorial's square on raw odometry and on the filter's estimate"
 	@if [ -f $(OUT)/replay.png ]; then echo "  replay.png           the filter on a recorded drive of a real robot"; fi
-	@echo "  nav.png              drives of three policies to the same goal, and whether the filter is as sure as it may be"
+	@echo "  nav.png              drives of three policies to the same goal, and whether the filter is as sure as it may be:"
+	@echo "                       not under documented, whose bias of 2 cm no filter can see"
 	@echo "  learning.png         goals reached and return during the training"
 	@echo "  graph.png            the policy that was just trained, in the live ROS graph"
 	@echo "  square/policy.onnx   that policy: $(RUN)turtlebot-gym watch --env $(SQUARE) --policy $(OUT)/square/policy.onnx"

@@ -45,7 +45,10 @@ def _compared(name: str, evaluation: Evaluation, other_name: str, other: Evaluat
     a, b = evaluation.episodes, other.episodes
     if _by_time(evaluation):
         more = _more(metrics.mean(a.reached - b.reached), 2, "more", "fewer")
-        return f"{name} reaches {more} waypoints than {other_name}." if more else _equal(name, other_name, "waypoints reached")
+        if more:
+            return f"{name} reaches {more} waypoints than {other_name}."
+        nearer = _more(metrics.mean(a.miss - b.miss), 3, "m farther from", "m nearer to")
+        return f"{name} drives {nearer} the waypoints than {other_name}." if nearer else _equal(name, other_name, "waypoints")
     if a.given.max() > 1 and np.isfinite(a.clearance).all():
         more = _more(metrics.mean(a.arrivals.astype(float) - b.arrivals), 2, "more", "fewer")
         return f"{name} truly reaches {more} goals an episode than {other_name}." if more else _equal(name, other_name, "goals")
