@@ -103,16 +103,13 @@ check: $(READY)  ## style, types, the direction of imports, and spelling
 
 ##@ Measure; benchmarks/README.md has the commands of all results
 bench: $(READY)  ## speed by wall time and CPU seconds, as ratios in one run, alone and beside busy processes (4 minutes)
-	PYTHONPATH=benchmarks $(RUN)python -m harness.measure --busy 4 --json $(OUT)/speed.json
-
-bench-peers: $(READY)  ## a step's CPU time beside JaxNav, IR-SIM, gymnax, EnvPool and Gymnasium, each from PyPI (10 minutes, and the installations)
-	$(RUN)python benchmarks/peers.py
+	$(RUN)python benchmarks/speed.py --json $(OUT)/speed.json
 
 bench-train: $(READY)  ## CPU seconds from command to policy on open ground, five seeds (10 minutes)
-	$(RUN)python benchmarks/training.py --json benchmarks/training.json
+	$(RUN)python benchmarks/training.py
 
 faults: $(READY)  ## 127 kinds of fault, 8 times each, injected into live chains, with a driver that may lie and an independent judge (an hour; resumes)
-	$(RUN)python benchmarks/faults.py --kept $(OUT)/faults.jsonl --json benchmarks/faults.json
+	$(RUN)python benchmarks/faults.py --kept $(OUT)/faults.jsonl
 
 ##@ Document
 notebooks: $(READY)  ## execute the notebooks and store their outputs
@@ -126,4 +123,4 @@ build: $(READY)  ## build wheel and source distribution into dist
 	rm -rf dist && $(RUN)python -m build --quiet
 
 clean:  ## remove the virtual environment and all output
-	rm -rf $(VENV) .venv-kilted .venv-peers $(CLIENTS) $(OUT) dist build
+	rm -rf $(VENV) .venv-kilted $(CLIENTS) $(OUT) dist build

@@ -19,41 +19,43 @@ if it is tracking within 0.5 m and 0.3 rad; `wrong` is the longest time in which
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from rich.table import Table
 
-from building import Building, Chart, chart, crowded, load, rearranged, shuttle, steps_of
-from harness.study import Study, each, run
+from harness.study import each, publish
 from turtlebot_gym.drive import heading_error, position_error
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.localization.localizer import LOST, TRACKING
 from turtlebot_gym.localization.tuning import ROBOT
+from turtlebot_gym.models.angles import wrap_all
+from turtlebot_gym.rooms.field import field_of_hits
+from turtlebot_gym.rooms.grid import BESIDE
 from turtlebot_gym.values import Pose
-from turtlebot_gym_lab.evaluation.localize import KNOWN, KnownPlace, RecordedCourse, localize
+from turtlebot_gym_lab.evaluation.localize import FAR, KNOWN, KnownPlace, RecordedCourse, RecordedScans, localize
 
+Array = NDArray[np.float64]
+HIT = 0.25
+"""Least share of the beams through a cell that end in it where it is occupied."""
+BLOCK, STAY = 9, 5
+"""Number of beams that a person hides, and of rows for which people stay."""
 ASTRAY, TURNED = 0.5, 0.3
 """Distance, m, and turn, rad, from which on a pose is wrong."""
-LEAP, AFTER = 1.4, 60.0
-"""Turn by which odometry's heading leaps, rad, and time between two leaps, s."""
-BACK = 3.0
-"""Time for which the robot goes back, s."""
+LEAP, AFTER, BACK = 1.4, 60.0, 3.0
+"""Turn by which odometry's heading leaps, rad; time between two events, s; time for which the robot goes back, s."""
 BEFORE, WITHIN = 20.0, 10.0
 """Time before a robot is carried off, s, and way on which it must be right again, m."""
-BESIDE_MAP = Pose(500.0, 500.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
     """How a building is driven."""
 
-    name: str
     cell: float = 0.05
     """Side of a map's cell, m."""
     halves: bool = False
@@ -66,236 +68,250 @@ class Condition:
     people: float = 0.0
     """Share of beams that end at people."""
     leaps: bool = False
-    """Whether odometry's heading leaps."""
     back: bool = False
-    """Whether the robot goes back, which its odometry counts as forward."""
     begin: str = ""
-    """What each of many short drives begins with: "carried", "beside", "grey", "unknown"; empty for one whole drive."""
+    """What each of many short drives begins with: carried, beside, grey, unknown; empty for one whole drive."""
 
 
-MAPS = tuple(
-    Condition(
-        name=f"{cell} cm{', halves' * halves}{', backwards' * backwards}", cell=0.01 * cell, halves=halves, backwards=backwards
+CONDITIONS = {
+    f"{size} cm{', halves' * halves}{', backwards' * backwards}": Condition(
+        cell=0.01 * size, halves=halves, backwards=backwards
     )
-    for cell in (5, 10)
+    for size in (5, 10)
     for halves in (False, True)
     for backwards in (False, True)
-)
-CONDITIONS = (
-    *MAPS,
-    Condition(name="odometry off by 10 %", odometry=1.1),
-    Condition(name="odometry off by 20 %", odometry=1.2),
-    Condition(name="every fourth scan", every=4),
-    Condition(name="20 beams", beams=20),
-    Condition(name="25 % people", people=0.25),
-    Condition(name="50 % people", people=0.5),
-    Condition(name="heading leaps", leaps=True),
-    Condition(name="heading leaps, 25 % people", leaps=True, people=0.25),
-    Condition(name="reverse as forward", back=True),
-    Condition(name="reverse as forward, 25 % people", back=True, people=0.25),
-    Condition(name="carried", begin="carried"),
-    Condition(name="carried, 25 % people", begin="carried", people=0.25),
-    Condition(name="carried, 50 % people", begin="carried", people=0.5),
-    Condition(name="start beside the map", begin="beside"),
-    Condition(name="start in the unknown", begin="grey"),
-    Condition(name="unknown start", begin="unknown"),
-    Condition(name="unknown start, 25 % people", begin="unknown", people=0.25),
-)
+}
+CONDITIONS |= {
+    "odometry off by 10 %": Condition(odometry=1.1),
+    "odometry off by 20 %": Condition(odometry=1.2),
+    "every fourth scan": Condition(every=4),
+    "20 beams": Condition(beams=20),
+    "25 % people": Condition(people=0.25),
+    "50 % people": Condition(people=0.5),
+    "heading leaps": Condition(leaps=True),
+    "heading leaps, 25 % people": Condition(leaps=True, people=0.25),
+    "reverse as forward": Condition(back=True),
+    "reverse as forward, 25 % people": Condition(back=True, people=0.25),
+    "carried": Condition(begin="carried"),
+    "carried, 25 % people": Condition(begin="carried", people=0.25),
+    "carried, 50 % people": Condition(begin="carried", people=0.5),
+    "start beside the map": Condition(begin="beside"),
+    "start in the unknown": Condition(begin="grey"),
+    "unknown start": Condition(begin="unknown"),
+    "unknown start, 25 % people": Condition(begin="unknown", people=0.25),
+}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Config(Study):
-    """Localize a robot on recordings of real buildings."""
+class Building(NamedTuple):
+    """A recording with reference poses at some rows."""
 
-    data: Path = Path("../shared/data")
-    """Folder with the recordings, in `carmen`."""
-    buildings: tuple[str, ...] = ("aces", "intel")
-    """Their names."""
-    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = ()
-    """Drive under these conditions alone."""
-    number: int = 40
-    """Number of short drives."""
-    seed: int = 0
-    """Seed of people and of short drives."""
+    recorded: RecordedScans
+    rows: NDArray[np.intp]
+    """Rows of the key frames, shape (K,)."""
+    reference: Array
+    """Shape (K, 3); m, m, rad."""
 
 
-class Site(NamedTuple):
+class Chart(NamedTuple):
+    """A map as the localizer uses it, see `rooms.field`."""
+
+    field: NDArray[np.float32]
+    frame: Array
+
+
+def load(path: Path) -> Building:
+    """Return a building from a NumPy archive, from its first key frame on."""
+    with np.load(path) as log:
+        ranges, odometry, stamps = log["ranges_cm"].astype(np.float32) / 100.0, log["odometry"], log["time"]
+        rows, reference = log["reference_row"].astype(np.intp), log["reference"]
+    first, angles = rows[0], np.radians(np.arange(ranges.shape[1]) - 90.0)
+    odometry, ranges, stamps = odometry[first:], ranges[first:], stamps[first:]
+    recorded = RecordedScans(stamps, odometry, np.arange(len(odometry)), stamps, ranges, angles)
+    return Building(recorded, rows - first, reference)
+
+
+def chart(building: Building, cell: float, frames: slice = slice(None)) -> Chart:
+    """Return the map of some key frames: occupied is where at least `HIT` of the beams through a cell end."""
+    poses, ranges = building.reference[frames], building.recorded.ranges[building.rows[frames]].astype(np.float64)
+    corner = poses[:, :2].min(axis=0) - FAR - 1.0
+    columns, rows = ((poses[:, :2].max(axis=0) + FAR + 1.0 - corner) / cell).astype(int) + 1
+    hits, passed = np.zeros(rows * columns, np.int64), np.zeros(rows * columns, np.int64)
+
+    def cells_at(pose: Any, directions: Any, distance: Any) -> Any:
+        x, y = pose[0] + np.cos(directions) * distance - corner[0], pose[1] + np.sin(directions) * distance - corner[1]
+        return (y / cell).astype(int) * columns + (x / cell).astype(int)
+
+    along = np.arange(int(FAR / cell)) * cell
+    for pose, lengths in zip(poses, ranges, strict=True):
+        valid = (lengths > 0.05) & (lengths < FAR)
+        lengths, directions = lengths[valid], pose[2] + building.recorded.angles[valid]
+        through = cells_at(pose, directions[:, None], along)[along < lengths[:, None] - 0.1]
+        np.add.at(passed, through, 1)
+        np.add.at(hits, cells_at(pose, directions, lengths), 1)
+    occupied, field = ((hits > 0) & (hits >= HIT * passed)).reshape(rows, columns), np.empty((rows, columns), np.float32)
+    field_of_hits(occupied, cell, field)
+    field[(passed.reshape(rows, columns) == 0) & (field > BESIDE)] = np.nan
+    return Chart(field, np.array([*corner, 1.0, 0.0, cell]))
+
+
+def added(start: Array, steps: Array) -> Array:
+    """Return the poses that motions (ahead, to the left, turn) lead to from a start on."""
+    headings = start[2] + np.concatenate(([0.0], np.cumsum(steps[:, 2])))
+    cosine, sine = np.cos(headings[:-1]), np.sin(headings[:-1])
+    moves = np.stack((cosine * steps[:, 0] - sine * steps[:, 1], sine * steps[:, 0] + cosine * steps[:, 1]), axis=1)
+    return np.column_stack((start[:2] + np.concatenate((np.zeros((1, 2)), np.cumsum(moves, axis=0))), headings))
+
+
+def shuttle(rows: int, every: int, back: int) -> NDArray[np.intp]:
+    """Return an order of rows in which a robot goes back by some rows again and again, and on from there."""
+    parts = [np.arange(min(every, rows))]
+    for first in range(every, rows, every):
+        parts += [np.arange(first - 2, first - back - 1, -1), np.arange(first - back + 1, min(first + every, rows))]
+    return np.concatenate(parts)
+
+
+def crowded(ranges: NDArray[np.float32], share: float, seed: int) -> NDArray[np.float32]:
+    """Return scans in which blocks of beams end at people, at a uniform share of their range, who stay for some rows."""
+    random, ranges = np.random.default_rng(seed), ranges.copy()
+    beams = ranges.shape[1]
+    blocks = -(-beams // BLOCK)
+    for row in range(0, len(ranges), STAY):
+        hidden = np.repeat(random.permutation(blocks) < share * blocks, BLOCK)[:beams]
+        part = np.repeat(random.uniform(0.1, 1.0, blocks), BLOCK)[:beams]
+        ranges[row : row + STAY] *= np.where(hidden, part, 1.0).astype(np.float32)
+    return ranges
+
+
+class Site:
     """A building with what is known of it."""
 
-    building: Building
-    charts: dict[tuple[float, bool], Chart]
-    poses: NDArray[np.float64]
-    """Poses at all rows, shape (T, 3); m, m, rad."""
-    interval: float
-    """Time between two rows, s."""
+    def __init__(self, building: Building) -> None:
+        self.building = building
+        self.interval = float(np.median(np.abs(np.diff(building.recorded.time))))  # some stamps run backwards
+        """Time between two rows, s."""
+        self.chart = cache(lambda cell, halves: chart(building, cell, slice(0, None, 2) if halves else slice(None)))
+        order = np.arange(building.rows[-1] + 1)
+        self.poses = self.follow(Condition(), order, Pose(*building.reference[0]), 0).poses
+        """Poses at all rows, by a localizer between the key frames, shape (T, 3); m, m, rad."""
+        self.ways = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(self.poses[:, :2], axis=0).T))))
+        """Way until each row, m."""
+
+    def follow(self, condition: Condition, order: NDArray[np.intp], start: Pose | None, seed: int) -> RecordedCourse:
+        """Return the beliefs of a localizer that sees the rows of the building in an order."""
+        recorded = self.building.recorded
+        poses = recorded.odometry[order]
+        (dx, dy, turn), cosine, sine = np.diff(poses, axis=0).T, np.cos(poses[:-1, 2]), np.sin(poses[:-1, 2])
+        steps = np.column_stack((cosine * dx + sine * dy, cosine * dy - sine * dx, wrap_all(turn)))
+        steps = np.where((np.abs(np.diff(order)) == 1)[:, None], steps, 0.0) * condition.odometry  # none where the order leaps
+        if condition.back:
+            steps[np.diff(order) < 0, :2] *= -1.0
+        if condition.leaps:
+            every = round(AFTER / self.interval)
+            steps[every - 1 :: every, 2] += LEAP
+        ranges, time = recorded.ranges[order], self.interval * np.arange(len(order))
+        if condition.people > 0.0:
+            ranges = crowded(ranges, condition.people, seed)
+        rows = np.arange(len(order))[:: condition.every]
+        odometry = added(recorded.odometry[order[0]], steps)
+        seen = recorded._replace(time=time, odometry=odometry, rows=rows, last=time[rows], ranges=ranges[rows])
+        known = self.chart(condition.cell, condition.halves)
+        return localize(seen, KnownPlace(*known, replace(ROBOT, beams=condition.beams), start, KNOWN))
+
+    def wrong(self, course: RecordedCourse, far: Array) -> float:
+        """Return the longest time for which it was tracking, but far from its true pose, s; ``far`` in m."""
+        flags = (course.states == TRACKING) & (far > ASTRAY)
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(int)))
+        return self.interval * float(np.max(edges[1::2] - edges[::2], initial=0))
 
 
-def site_of(building: Building) -> Site:
-    """Return a building with its map, and the poses of a localizer between its key frames."""
-    charts = {(0.05, False): chart(building, 0.05)}
-    # Some stamps run backwards: their median interval counts.
-    site = Site(building, charts, building.recorded.odometry, float(np.median(np.abs(np.diff(building.recorded.time)))))
-    return site._replace(
-        poses=follow(site, CONDITIONS[0], np.arange(building.rows[-1] + 1), Pose(*building.reference[0]), 0).poses
-    )
-
-
-def follow(site: Site, condition: Condition, order: NDArray[np.intp], start: Pose | None, seed: int) -> RecordedCourse:
-    """Return the beliefs of a localizer that sees the rows of a building in an order."""
-    recorded, steps, at = (
-        site.building.recorded,
-        steps_of(site.building.recorded.odometry, order),
-        (condition.cell, condition.halves),
-    )
-    steps *= condition.odometry
-    if condition.back:
-        steps[np.diff(order) < 0, :2] *= -1.0
-    if condition.leaps:
-        every = round(AFTER / site.interval)
-        steps[every - 1 :: every, 2] += LEAP
-    recorded = rearranged(recorded, order, steps, site.interval)
-    if condition.people > 0.0:
-        recorded = recorded._replace(ranges=crowded(recorded.ranges, condition.people, seed))
-    used = recorded.rows[:: condition.every]
-    recorded = recorded._replace(rows=used, last=recorded.time[used], ranges=recorded.ranges[used])
-    if at not in site.charts:
-        site.charts[at] = chart(site.building, condition.cell, slice(0, None, 2) if condition.halves else slice(None))
-    return localize(recorded, KnownPlace(*site.charts[at], replace(ROBOT, beams=condition.beams), start, KNOWN))
-
-
-def longest(flags: NDArray[np.bool_], interval: float) -> float:
-    """Return the longest time for which a flag was set without a break, s."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(int)))
-    return interval * float(np.max(edges[1::2] - edges[::2], initial=0))
-
-
-def shares_of(course: RecordedCourse, far: NDArray[np.float64], interval: float) -> dict[str, float]:
-    """Return what a localizer says of itself beside how far its poses are off, shape (T,), m."""
-    return {
-        "unsure": float(np.mean(course.states != TRACKING)),
-        "declared_lost": float(np.mean(course.states == LOST)),
-        "wrong": longest((course.states == TRACKING) & (far > ASTRAY), interval),
-    }
-
-
-def whole(site: Site, condition: Condition, config: Config) -> dict[str, float]:
-    """Drive a building under a condition and return the errors at its key frames, and the seconds of a core per scan."""
+def whole(site: Site, condition: Condition, seed: int) -> dict[str, float]:
+    """Drive a building under a condition and return the errors at its key frames."""
     building, last = site.building, int(site.building.rows[-1])
-    order = np.arange(last + 1)
-    if condition.backwards:
-        order = order[::-1]
+    order = np.arange(last + 1)[:: -1 if condition.backwards else 1]
     if condition.back:
         order = shuttle(last + 1, round(AFTER / site.interval), round(BACK / site.interval))
-    judged = np.arange(len(building.rows))
-    if condition.halves:
-        judged = judged[1::2]
-    rows = np.array([np.flatnonzero(order == row)[-1] for row in building.rows[judged]])
+    judged = np.arange(len(building.rows))[slice(1, None, 2) if condition.halves else slice(None)]
+    rows, reference = np.array([np.flatnonzero(order == row)[-1] for row in building.rows[judged]]), building.reference[judged]
     start = Pose(*site.poses[order[0]]) if condition.backwards else Pose(*building.reference[0])
-    began = time.process_time()
-    course = follow(site, condition, order, start, config.seed)
-    seconds, reference = time.process_time() - began, building.reference[judged]
+    course = site.follow(condition, order, start, seed)
     far = position_error(course.poses[rows], reference)
     squares = nees(course.poses[rows], reference, course.covariances[rows])
-    published = course.states[rows] != LOST
     return {
         "median": float(np.median(far)),
         "quantile95": float(np.quantile(far, 0.95)),
         "worst": float(far.max()),
         "lost": float(np.mean(far > ASTRAY)),
-        "median_heading": float(np.median(heading_error(course.poses[rows], reference))),
         "nees": float(np.median(squares)),
-        "mean_nees": float(np.mean(squares[published])),
-        **shares_of(course, position_error(course.poses, site.poses[order]), site.interval),
-        "seconds_per_scan": seconds / max(course.scans, 1),
-        "scans": course.scans,
-        "key_frames": len(rows),
+        "mean_nees": float(np.mean(squares[course.states[rows] != LOST])),
+        "declared_lost": float(np.mean(course.states == LOST)),
+        "wrong": site.wrong(course, position_error(course.poses, site.poses[order])),
     }
 
 
-def short(site: Site, condition: Condition, config: Config) -> dict[str, float]:
+def short(site: Site, condition: Condition, seed: int, number: int) -> dict[str, float]:
     """Drive many short drives and return how many are right again, after how many seconds and metres."""
-    random, before = np.random.default_rng(config.seed), round(BEFORE / site.interval)
-    moves = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(site.poses[:, :2], axis=0).T))))
-    latest = int(np.searchsorted(moves, moves[-1] - 2.0 * WITHIN))
-    results, field, frame = [], *site.charts[0.05, False]
-    unknown = np.argwhere(np.isnan(field))
-    for number in range(config.number):
+    random, before, ways = np.random.default_rng(seed), round(BEFORE / site.interval), site.ways
+    latest, (field, frame) = int(np.searchsorted(ways, ways[-1] - 2.0 * WITHIN)), site.chart(0.05, False)
+    unknown, results = np.argwhere(np.isnan(field)), []
+    for at in range(number):
         first, to = random.integers(0, latest, 2)
         while condition.begin == "carried" and position_error(site.poses[first + before], site.poses[to]) < 2.0:
             first, to = random.integers(0, latest, 2)
-        end = int(np.searchsorted(moves, moves[to] + 1.5 * WITHIN))
-        end = max(end, min(to + round(10.0 / site.interval), len(moves)))
+        end = int(np.searchsorted(ways, ways[to] + 1.5 * WITHIN))
+        end = max(end, min(to + round(10.0 / site.interval), len(ways)))
         order, since, start = np.arange(to, end), 0, None
         if condition.begin == "carried":
             order, since, start = np.concatenate((np.arange(first, first + before), order)), before, Pose(*site.poses[first])
         elif condition.begin == "beside":
-            start = BESIDE_MAP
+            start = Pose(500.0, 500.0, 0.0)
         elif condition.begin == "grey":
             row, column = unknown[random.integers(len(unknown))]
             x, y = (frame[:2] + frame[4] * np.array((column, row))).tolist()
             start = Pose(x, y, random.uniform(-np.pi, np.pi))
-        course = follow(site, condition, order, start, config.seed + number)
+        course = site.follow(condition, order, start, seed + at)
         far, turned = position_error(course.poses, site.poses[order]), heading_error(course.poses, site.poses[order])
-        right = (far < ASTRAY) & (turned < TURNED) & (course.states == TRACKING)
-        found = np.flatnonzero(right[since:])
-        found = since + int(found[0]) if len(found) else len(order) - 1
-        way, at = moves[order] - moves[to], np.searchsorted(moves[order[since:]], moves[to] + WITHIN) + since
-        noticed = np.flatnonzero(course.states[since:] == LOST)
-        results.append(
-            {
-                "right": float(right[min(at, len(right) - 1)]),
-                "ever": float(right[since:].any()),
-                "noticed": float(site.interval * noticed[0]) if len(noticed) else np.inf,
-                "found": site.interval * (found - since) if right[since:].any() else np.inf,
-                "way": float(way[found]),
-                **shares_of(course, far, site.interval),
-            }
-        )
-    each_of = {name: np.array([result[name] for result in results]) for name in results[0]}
-    return {
-        "right": float(np.mean(each_of["right"])),
-        "ever": float(np.mean(each_of["ever"])),
-        "noticed": float(np.max(each_of["noticed"])),
-        "found": float(np.median(each_of["found"])),
-        "found95": float(np.quantile(each_of["found"], 0.95, method="higher")),
-        "way": float(np.median(each_of["way"])),
-        "wrong": float(np.max(each_of["wrong"])),
-        "wrong_drives": int(np.sum(each_of["wrong"] > 2.0)),
-        "drives": config.number,
-    }
+        right = ((far < ASTRAY) & (turned < TURNED) & (course.states == TRACKING))[since:]
+        found, way = int(np.argmax(right)) if right.any() else len(right) - 1, ways[order[since:]] - ways[to]
+        in_time = min(int(np.searchsorted(way, WITHIN)), len(right) - 1)
+        seconds = site.interval * found if right.any() else np.inf
+        results.append((right[in_time], seconds, way[found], site.wrong(course, far)))
+    right, found, way, wrong = np.array(results, np.float64).T
+    figures = {"right": np.mean(right), "found": np.median(found), "way": np.median(way), "wrong": np.max(wrong)}
+    return {name: float(value) for name, value in figures.items()}
 
 
-def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
-    """Return the figures of each building under each condition, losses first, and their tables."""
-    results: dict[str, Any] = {"buildings": {}, "found": {}}
-    errors = Table(
-        "building", "condition", "median cm", "95 %", "worst", "lost", "NEES", "mean", "unsure", "lost", "wrong s", "us"
-    )
-    found = Table(
-        "building", "condition", "right in 10 m", "ever", "noticed s", "found s", "95 %", "way m", "wrong s", "drives"
-    )
-    chosen = [condition for condition in CONDITIONS if not config.only or condition.name in config.only]
-    for name in config.buildings:
-        site = site_of(load(config.data / "carmen" / f"{name}.npz"))
-        figures = {it.name: (short if it.begin else whole)(site, it, config) for it in each(chosen, name)}
-        drives = {it.name: figures[it.name] for it in chosen if not it.begin}
+def main(
+    *,
+    data: Path = Path("../shared/data"),
+    buildings: tuple[str, ...] = ("aces", "intel"),
+    only: tuple[str, ...] = (),
+    number: int = 40,
+    seed: int = 0,
+    json: Path = Path("benchmarks/buildings.json"),
+) -> None:
+    """Localize, print and write; the worst conditions come first.
+
+    Args:
+        data: Folder with the recordings, in `carmen`.
+        buildings: Their names.
+        only: Names of conditions; by default all.
+        number: Number of short drives.
+        seed: Seed of people and of short drives.
+        json: File for the results.
+    """
+    options, results = {**locals()}, {"buildings": {}, "found": {}}
+    for name in buildings:
+        site, drives, found = Site(load(data / "carmen" / f"{name}.npz")), {}, {}
+        for title in each(only or CONDITIONS, name):
+            condition = CONDITIONS[title]
+            if condition.begin:
+                found[title] = short(site, condition, seed, number)
+            else:
+                drives[title] = whole(site, condition, seed)
         results["buildings"][name] = dict(sorted(drives.items(), key=lambda item: -item[1]["lost"]))
-        results["found"][name] = {it.name: figures[it.name] for it in chosen if it.begin}
-        for condition, figure in results["buildings"][name].items():
-            lengths = (f"{100.0 * figure[key]:.1f}" for key in ("median", "quantile95", "worst"))
-            shares = (f"{figure[key]:.3f}" for key in ("unsure", "declared_lost"))
-            more = (
-                f"{figure['lost']:.4f}",
-                f"{figure['nees']:.1f}",
-                f"{figure['mean_nees']:.1f}",
-                *shares,
-                f"{figure['wrong']:.1f}",
-            )
-            errors.add_row(name, condition, *lengths, *more, f"{1e6 * figure['seconds_per_scan']:.0f}")
-        for condition, figure in results["found"][name].items():
-            found.add_row(name, condition, *(f"{figure[key]:.3g}" for key in list(figure)[:-1]))
-    return results, [errors, found]
+        results["found"][name] = found
+    publish(json, results, options)
 
 
 if __name__ == "__main__":
-    run(Config, measure, beside=__file__)
+    tyro.cli(main, description=__doc__)

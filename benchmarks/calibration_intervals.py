@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 import os
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +18,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process for each core; t
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from scipy import stats
 
-from harness.study import each, finished, write_summary
-from harness.tables import table
+from harness.study import each, finished, publish
 from turtlebot_gym.drive import Drive
 from turtlebot_gym_lab.calibration import calibrate
 
@@ -30,8 +27,8 @@ SETTINGS = tuple(itertools.product(("euler", "midpoint"), ("pose", "wheel"), ("e
 """Integrator, kind of odometry, and truth."""
 LENGTHS = {5: 240.0, 10: 120.0, 20: 60.0, 50: 40.0, 100: 30.0}
 """Length of a drive by its rate, s: 1200 rows or more."""
-TRUTH = (1e-3, 1e-3)
-"""Standard deviations of a noisy truth, m and rad."""
+TRUTH = np.array((1e-3, 1e-3, 1e-3))
+"""Standard deviations of a noisy truth; m, m, rad."""
 CERTAIN = 2e-5
 """Error below which a parameter is certain, m or rad: that of a marker in an exact truth, which has no noise to the side."""
 RADIUS, TRACK = 0.033, 0.16
@@ -105,16 +102,14 @@ def simulated(
     done_omega = (right - left) / p["track"] - p["drift"]
     done_omega += values["scale"] * values["turn_scale"] * deviations[1] * normal[1]
     done_v[0] = done_omega[0] = 0.0
-    theta = np.cumsum(done_omega * dt)
-    middle = np.concatenate([[0.0], theta[:-1]]) + (0.5 if integrator == "midpoint" else 0.0) * done_omega * dt
-    robot = np.column_stack([np.cumsum(done_v * np.cos(middle) * dt), np.cumsum(done_v * np.sin(middle) * dt), theta])
+    robot = _integrated(done_v, done_omega, dt, integrator)
     marker = robot.copy()
     if kind == "wheel":
-        cosine, sine = np.cos(theta), np.sin(theta)
+        cosine, sine = np.cos(robot[:, 2]), np.sin(robot[:, 2])
         marker[:, 0] += p["marker_x"] * cosine - p["marker_y"] * sine
         marker[:, 1] += p["marker_x"] * sine + p["marker_y"] * cosine
         marker[:, 2] += p["marker_theta"]
-        odometry = _integrated(twist, dt, integrator)
+        odometry = _integrated(v, omega, dt, integrator)
     else:
         sizes = np.sqrt([p["R_x"], p["R_y"], p["R_theta"]])
         odometry = robot + [p["bias_x"], p["bias_y"], p["bias_theta"]] + sizes * random.standard_normal((rows, 3))
@@ -124,14 +119,13 @@ def simulated(
         lost[[0, -1]] = False
         odometry[lost] = np.nan
     if truth == "noisy":
-        marker += np.array([TRUTH[0], TRUTH[0], TRUTH[1]]) * random.standard_normal((rows, 3))
+        marker += TRUTH * random.standard_normal((rows, 3))
     for poses in (odometry, marker):
         poses[:, 2] = np.remainder(poses[:, 2] + np.pi, 2.0 * np.pi) - np.pi
     return Drive(time=np.asarray(dt * np.arange(rows), np.float64), twist=twist, odometry=odometry, true_state=marker), values
 
 
-def _integrated(twist: NDArray[np.float64], dt: float, integrator: str) -> NDArray[np.float64]:
-    v, omega = twist.T
+def _integrated(v: NDArray[np.float64], omega: NDArray[np.float64], dt: float, integrator: str) -> NDArray[np.float64]:
     theta = np.cumsum(omega * dt)
     middle = np.concatenate([[0.0], theta[:-1]]) + (0.5 if integrator == "midpoint" else 0.0) * omega * dt
     return np.column_stack([np.cumsum(v * np.cos(middle) * dt), np.cumsum(v * np.sin(middle) * dt), theta])
@@ -148,53 +142,45 @@ def judged(seed: int, setting: str) -> dict[str, Any]:
 
 
 def summary(drives: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the coverage of each parameter, with its 99 % interval, and of all together."""
-    parameters, hits, count = {}, 0, 0
+    """Return the coverage of each parameter that is not certain, and of all together."""
+    held: dict[str, list[bool]] = {}
     for name in dict.fromkeys(name for drive in drives for name in drive["estimates"]):
         estimates = [drive["estimates"][name] for drive in drives if name in drive["estimates"]]
-        if max(abs(estimate["error"]) for estimate in estimates) < CERTAIN:
-            continue
-        held, number = sum(estimate["holds"] for estimate in estimates), len(estimates)
-        interval = stats.binomtest(held, number).proportion_ci(0.99)
-        ends = [float(interval.low), float(interval.high)]
-        parameters[name] = {"drives": number, "coverage": held / number, "interval": ends}
-        hits, count = hits + held, count + number
-    return {"drives": len(drives), "all": hits / count, "parameters": parameters}
+        if max(abs(estimate["error"]) for estimate in estimates) >= CERTAIN:
+            held[name] = [estimate["holds"] for estimate in estimates]
+    together = sum(map(sum, held.values())) / sum(map(len, held.values()))
+    return {"drives": len(drives), "all": together, "parameters": {name: sum(each) / len(each) for name, each in held.items()}}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Config:
-    """Count how often intervals contain the truth."""
+def main(
+    *,
+    drives: int = 200,
+    seed: int = 0,
+    processes: int = 2,
+    only: str = "",
+    kept: Path = Path("out/calibration_intervals.jsonl"),
+    json: Path = Path("benchmarks/calibration_intervals.json"),
+) -> None:
+    """Judge all settings, print and write.
 
-    drives: int = 200
-    """Number of drives for each of the eight settings."""
-    seed: int = 0
-    """Seed of the first drive."""
-    processes: int = 2
-    """Number of processes."""
-    only: str = ""
-    """Only settings that contain this text, such as euler-pose-exact."""
-    kept: Path = Path("out/calibration_intervals.jsonl")
-    """File for finished drives; an interrupted run resumes."""
-    results: Path | None = Path(__file__).parent / "calibration_intervals.json"
-    """File for the results."""
-
-
-def main() -> None:
-    """Judge all settings, print, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
-    chosen = ["-".join(setting) for setting in SETTINGS if config.only in "-".join(setting)]
-    wanted = [(seed, name) for seed in range(config.seed, config.seed + config.drives) for name in chosen]
-    with ProcessPoolExecutor(config.processes) as pool:
-        drives = list(each(finished(judged, wanted, config.kept, ("seed", "setting"), pool), "drives", len(wanted)))
-    result = {name: summary([drive for drive in drives if drive["setting"] == name]) for name in chosen}
+    Args:
+        drives: Number of drives for each of the eight settings.
+        seed: Seed of the first drive.
+        processes: Number of processes.
+        only: Only settings that contain this text, such as euler-pose-exact.
+        kept: File for finished drives; an interrupted run resumes.
+        json: File for the results.
+    """
+    options = {**locals()}
+    chosen = ["-".join(setting) for setting in SETTINGS if only in "-".join(setting)]
+    units = [(number, name) for number in range(seed, seed + drives) for name in chosen]
+    pool = ProcessPoolExecutor(processes)
+    done = list(each(finished(judged, units, kept, "seed setting", pool), "drives", len(units)))
+    result = {name: summary([drive for drive in done if drive["setting"] == name]) for name in chosen}
     for name, row in result.items():
-        parameters = [{"name": key, **parameter} for key, parameter in row["parameters"].items()]
-        print(f"\n{name}: {row['all']:.4f}\n")
-        print(table(parameters, {"parameter": "{name}", "held": "{coverage:.3f}", "drives": "{drives}"}))
-    if config.results is not None:
-        write_summary(config.results, {"coverage": result}, config)
+        print(f"{name}: {row['all']:.4f}", {key: f"{held:.3f}" for key, held in row["parameters"].items()})
+    publish(json, {"coverage": result}, options)
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

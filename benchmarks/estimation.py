@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
-from rich.table import Table
+import tyro
 
-from harness.study import Study, each, run
+from harness.study import each, publish
 from turtlebot_gym import FilterTuning, Noise, make_filter
 from turtlebot_gym.parameters import DeadReckoning
 from turtlebot_gym_lab.evaluation.estimation import estimate, in_force
@@ -25,16 +26,6 @@ SETTINGS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
 """Filters and noise of each setting."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Config(Study):
-    """Compare filters with the bound."""
-
-    runs: int = 20_000
-    """Number of drives in each setting."""
-    seed: int = 0
-    """Seed of the first drive."""
-
-
 def tuning(name: str, noise: Noise) -> FilterTuning:
     """Return a filter's tuning by its name in `SETTINGS`."""
     found = make_filter(name.removesuffix(EXACT), noise)
@@ -42,20 +33,23 @@ def tuning(name: str, noise: Noise) -> FilterTuning:
     return replace(found, Q=(0.0,) * 5, R=exact) if name.endswith(EXACT) else found
 
 
-def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
-    """Return ratios to the bound after three seconds, and NEES, and their table."""
-    table, settings = Table("noise", "filter", "x", "y", "heading", "NEES"), {}
+def main(*, runs: int = 20_000, seed: int = 0, json: Path = Path("benchmarks/estimation.json")) -> None:
+    """Estimate, print and write ratios to the bound after three seconds, and NEES.
+
+    Args:
+        runs: Number of drives in each setting.
+        seed: Seed of the first drive.
+        json: File for the results.
+    """
+    options, settings = {**locals()}, {}
     for name in each(SETTINGS, "settings"):
-        filters, options = SETTINGS[name]
-        model = in_force(**options)
-        tunings = {which: tuning(which, model) for which in filters}
-        result = estimate(tunings, runs=config.runs, seed=config.seed, **options)
+        filters, given = SETTINGS[name]
+        model = in_force(**given)
+        result = estimate({which: tuning(which, model) for which in filters}, runs=runs, seed=seed, **given)
         found = {which: {"ratio": list(one.ratio), "nees": one.nees} for which, one in result.filters.items()}
-        settings[name] = {"bound": result.bound[-1].tolist(), "band": list(result.band), "filters": found}
-        for which, one in result.filters.items():
-            table.add_row(name, which, *(f"{ratio.value:.3f}" for ratio in one.ratio), f"{one.nees.value:.2f}")
-    return {"settings": settings}, [table]
+        settings[name] = {"filters": found}
+    publish(json, {"settings": settings}, options)
 
 
 if __name__ == "__main__":
-    run(Config, measure, beside=__file__)
+    tyro.cli(main, description=__doc__)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import pty
+import shlex
 import signal
 import subprocess
 import sys
@@ -19,32 +20,22 @@ from itertools import pairwise
 from pathlib import Path
 
 CONFIG = Path(__file__).parents[1] / "bridges" / "turtlebot_gym_ros" / "config" / "robot.yaml"
+GUARD, STANDBY, FILTER, CONTROLLER = "cmd_vel_guard", "cmd_vel_standby", "kalman_filter", "velocity_controller"
 CHAIN = {
-    "cmd_vel_guard": {"collision_monitor": "true"},
-    "cmd_vel_standby": {},
-    "kalman_filter": {"takes_fixes": "true"},
+    GUARD: {"collision_monitor": "true"},
+    STANDBY: {},
+    FILTER: {"takes_fixes": "true"},
     "waypoint_generator": {"waypoints": "far.csv"},
-    "velocity_controller": {},
+    CONTROLLER: {},
 }
 """The nodes, each with its parameters besides those of `robot.yaml`."""
 WITHOUT_BUTTON = {"require_emergency_stop": "false", "start_enabled": "true"}
 """Parameters of a guard without a button: one that is started again passes commands at once, unlike on a robot."""
-REMAPPED = {"velocity_controller": ["-r", "cmd_vel:=cmd_vel_in"]}
 MARK = "TURTLEBOT_GYM_FAULTS"
 
 
-def settings() -> dict[str, dict[str, str]]:
-    """Return the parameters of each node besides those of `robot.yaml`; a guard with emergency stops has fewer."""
-    return {**CHAIN, "cmd_vel_guard": {**CHAIN["cmd_vel_guard"], **WITHOUT_BUTTON}}
-
-
 class Chain:
-    """The processes of one robot.
-
-    Args:
-        domain: Its ROS domain.
-        buttons: Whether it has emergency stops.
-    """
+    """The processes of one robot in its ROS domain, which may have emergency stops."""
 
     def __init__(self, domain: int, *, buttons: bool) -> None:
         self._folder = tempfile.TemporaryDirectory()
@@ -60,40 +51,38 @@ class Chain:
     def start(self, name: str, *words: str, environment: dict[str, str] | None = None, **parameters: str) -> None:
         """Start a node, with further ROS arguments, variables and parameters."""
         self._ended.discard(name)
-        self._changed.discard(name)
-        if words or environment or parameters:
-            self._changed.add(name)
+        program = ["setpriv", "--pdeathsig", "KILL", *self._command(name, *words, **parameters)]
+        whole = {**self._environment, **(environment or {})}
         with (self.folder / f"{name}.log").open("ab") as log:
-            program = ["setpriv", "--pdeathsig", "KILL", *self._command(name, *words, **parameters)]
-            whole = {**self._environment, **(environment or {})}
             self._children.append(subprocess.Popen(program, cwd=self.folder, env=whole, stdout=log, stderr=log))
 
     def restart(self, name: str, *words: str, environment: dict[str, str] | None = None, **parameters: str) -> None:
         """End a node and start it otherwise; it is started as usual before the next fault."""
         self.end(name)
         self.start(name, *words, environment=environment, **parameters)
+        self._changed.add(name)
 
     def _command(self, name: str, *words: str, **parameters: str) -> list[str]:
-        without = WITHOUT_BUTTON if name == "cmd_vel_guard" and not self._buttons else {}
-        given = {**CHAIN[name], **without, **parameters}
-        values = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
+        without = WITHOUT_BUTTON if name == GUARD and not self._buttons else {}
+        values = [word for key, value in {**CHAIN[name], **without, **parameters}.items() for word in ("-p", f"{key}:={value}")]
+        remapped = ["-r", "cmd_vel:=cmd_vel_in"] if name == CONTROLLER else []
         common = ["--ros-args", "--params-file", str(CONFIG), "--log-level", "fatal"]
-        return [sys.executable, "-m", "turtlebot_gym_ros", name, *common, *values, *REMAPPED.get(name, []), *words]
+        return [sys.executable, "-m", "turtlebot_gym_ros", name, *common, *values, *remapped, *words]
 
     @contextmanager
-    def terminal(self, *names: str) -> Iterator[Terminal]:
-        """Start nodes again in a terminal, as one job of its shell."""
-        for name in names:
+    def terminal(self) -> Iterator[Terminal]:
+        """Start guard and standby again in a terminal, as one job of its shell."""
+        for name in (GUARD, STANDBY):
             self.end(name)
             self._ended.discard(name)
             self._changed.add(name)
-        terminal = Terminal([self._command(name) for name in names], self.folder, self._environment)
+        terminal = Terminal([self._command(name) for name in (GUARD, STANDBY)], self.folder, self._environment)
         self._children.append(terminal.shell)
         try:
             yield terminal
         finally:
             terminal.close()
-            for name in names:
+            for name in (GUARD, STANDBY):
                 self.kill(name)
 
     def pids(self, name: str = "") -> list[int]:
@@ -102,18 +91,17 @@ class Chain:
             child.poll()  # a dead one is a process until somebody asks
         mark, found = f"{MARK}={self._mark}".encode(), []
         for path in Path("/proc").iterdir():
-            with suppress(OSError, ValueError, IndexError):
+            with suppress(OSError, ValueError):
                 pid = int(path.name)
-                if mark not in (path / "environ").read_bytes().split(b"\0"):
-                    continue
                 words = (path / "cmdline").read_bytes().split(b"\0")
-                if not name or (b"turtlebot_gym_ros", name.encode()) in pairwise(words):
+                is_it = not name or (b"turtlebot_gym_ros", name.encode()) in pairwise(words)
+                if is_it and mark in (path / "environ").read_bytes().split(b"\0"):
                     found.append(pid)
         return found
 
     def signal(self, name: str, number: int) -> float:
         """Send a signal to a node, and return when, s; with one that ends it, its end is no failure."""
-        if number not in (signal.SIGSTOP, signal.SIGCONT):
+        if name and number not in (signal.SIGSTOP, signal.SIGCONT):
             self._ended.add(name)
         pids, at = self.pids(name), time.time()
         for pid in pids:
@@ -121,17 +109,16 @@ class Chain:
                 os.kill(pid, number)
         return at
 
-    def kill(self, name: str) -> None:
-        """Kill a node, and wait for its end."""
+    def kill(self, name: str = "") -> None:
+        """Kill a node, by default the whole chain, and wait for its end."""
         while self.pids(name):
             self.signal(name, signal.SIGKILL)
             time.sleep(0.01)
-        self._ended.add(name)
 
-    def end(self, name: str, patience: float = 2.0) -> None:
-        """End a node as a person does, and kill it after a time, s: one that is killed counts as a publisher for 20 s."""
+    def end(self, name: str) -> None:
+        """End a node as a person does, and kill it after 2 s: one that is killed counts as a publisher for 20 s."""
         self.signal(name, signal.SIGINT)
-        until = time.monotonic() + patience
+        until = time.monotonic() + 2.0
         while self.pids(name) and time.monotonic() < until:
             time.sleep(0.02)
         self.kill(name)
@@ -163,47 +150,28 @@ class Chain:
                 self.end(name)
             if not self.pids(name):
                 self.start(name)
-
-    def kill_all(self) -> None:
-        """Kill every process of the chain."""
-        while pids := self.pids():
-            for pid in pids:
-                with suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGKILL)
-            time.sleep(0.01)
+        self._changed.clear()
 
     def close(self) -> None:
         """End all processes."""
-        self.kill_all()
+        self.kill()
         for child in self._children:
             child.wait()
         self._folder.cleanup()
 
 
 class Terminal:
-    """A terminal, and a shell in it whose job in the foreground is some processes.
-
-    Args:
-        commands: Their command lines.
-        folder: Where they run.
-        environment: Their variables.
-    """
+    """A terminal, and a shell in it whose job in the foreground is some commands."""
 
     def __init__(self, commands: list[list[str]], folder: Path, environment: dict[str, str]) -> None:
         self._keyboard, screen = pty.openpty()
-        jobs = " & ".join(f"{' '.join(map(_quoted, command))} >>terminal.log 2>&1" for command in commands)
+        jobs = " & ".join(f"{shlex.join(command)} >>terminal.log 2>&1" for command in commands)
         # With job control the job has a process group of its own, which the keyboard's signals reach; without it a session's
-        # only group is an orphan, which cannot be suspended.
+        # only group is an orphan, which cannot be suspended. Under nohup all of them would ignore hang-ups.
         script = f"({jobs} & wait); sleep 1000"
-        # Under nohup it would ignore hang-ups, and so would its processes.
-        self.shell = subprocess.Popen(
-            ["setsid", "--ctty", "env", "--default-signal", "bash", "-m", "-c", script],
-            cwd=folder,
-            env=environment,
-            stdin=screen,
-            stdout=screen,
-            stderr=screen,
-        )
+        program = ["setsid", "--ctty", "env", "--default-signal", "bash", "-m", "-c", script]
+        ends = {"stdin": screen, "stdout": screen, "stderr": screen}
+        self.shell = subprocess.Popen(program, cwd=folder, env=environment, **ends)
         os.close(screen)
 
     def press(self, key: str) -> None:
@@ -215,7 +183,3 @@ class Terminal:
         if self._keyboard >= 0:
             os.close(self._keyboard)
             self._keyboard = -1
-
-
-def _quoted(word: str) -> str:
-    return "'" + word.replace("'", "'\\''") + "'"

@@ -1,183 +1,238 @@
-"""Lies of a driver that lives: what it says instead of the truth, by name; without ROS.
+"""Faults of a driver that lives and lies, and of wheels that do not obey; judged by the true path.
 
-Each maker takes a generator, which chooses among the members of its class, and returns a new lie.
+A lie is unsafe if the robot moves for more than 0.25 m or 1.0 s after it could first be seen, or moves on by itself when the
+driver tells the truth again: a robot that stands agrees with everything.
 """
 
 from __future__ import annotations
 
 import math
 import random
-from collections import deque
+import time
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
-from faults_driver import Lie, Said
+from faults_chain import GUARD
+from faults_record import TIME
+from faults_robot import Fault, Robot, Unseen
+from faults_world import Lie, Said, Wheels, obeying
 
+VISIBLE, EXCUSE, SPIN = 10.0, 0.1, 3.0
+"""Longest time until a lie can be seen, s; way that "wrong scale" may add up to, m, as it looks like slip, or like a robot
+faster than its like; longest time for which wheels may spin, s, which only the scans show."""
+DISBELIEVED = "odometry is not believed"
+"""What the filter says of a driver that lies."""
 Maker = Callable[[random.Random], Lie]
-"""Makes a lie."""
+"""Makes a new lie, and chooses among the members of its class."""
 
 
-def changed(change: Callable[[Said], Said]) -> Maker:
-    """Return the maker of a lie that depends on one message only."""
-    return lambda rng: lambda said, now: change(said)
+def drawn(draw: Callable[[random.Random], Any], say: Callable[[list[Said], Any], Said]) -> Maker:
+    """Return the maker of a lie that depends on something drawn."""
+
+    def make(rng: random.Random) -> Lie:
+        chosen = draw(rng)
+        return lambda true: say(true, chosen)
+
+    return make
 
 
-def frozen(*fields: str) -> Maker:
+def changed(change: Callable[[Said], dict[str, Any]]) -> Maker:
+    """Return the maker of a lie that changes each message in the same way."""
+    return lambda rng: lambda true: true[-1]._replace(**change(true[-1]))
+
+
+def frozen(*names: str) -> Maker:
     """Return the maker of a lie in which fields keep their first values, to the bit or with a noise of 0.1 mm and mrad."""
-
-    def make(rng: random.Random) -> Lie:
-        kept: list[Said] = []
-        noise = rng.choice([0.0, 1e-4])
-
-        def lie(said: Said, now: float) -> Said:
-            kept.append(said)
-            return said._replace(**{name: getattr(kept[0], name) + rng.gauss(0.0, noise) for name in fields})
-
-        return lie
-
-    return make
+    return drawn(
+        lambda rng: rng.choice([0.0, 1e-4]),
+        lambda true, noise: true[-1]._replace(**{name: getattr(true[0], name) + random.gauss(0.0, noise) for name in names}),
+    )
 
 
-def scaled(lengths: float = 1.0, *, heading: float = 1.0, turning: float = 1.0) -> Callable[[Said], Said]:
-    """Return the change by which lengths and speeds, headings and turning rates are multiplied."""
-
-    def change(said: Said) -> Said:
-        x, y, v = (lengths * length for length in (said.x, said.y, said.v))
-        return said._replace(x=x, y=y, v=v, theta=heading * said.theta, omega=turning * said.omega)
-
-    return change
+def by_factor(draw: Callable[[random.Random], tuple[float, tuple[str, ...]]]) -> Maker:
+    """Return the maker of a lie in which some fields are multiplied."""
+    return drawn(draw, lambda true, of: true[-1]._replace(**{name: of[0] * getattr(true[-1], name) for name in of[1]}))
 
 
-def degrees(rng: random.Random) -> Lie:
-    """Heading, turning rate or both are in degrees."""
-    heading, turning = rng.choice([(True, False), (False, True), (True, True)])
-    factor = math.degrees(1.0)
-    return lambda said, now: scaled(heading=factor if heading else 1.0, turning=factor if turning else 1.0)(said)
-
-
-def wrong_scale(rng: random.Random) -> Lie:
-    """The driver takes the wheels for 1.5 to 3 times as large as they are; or only its speed is wrong, not its way."""
-    factor = rng.uniform(1.5, 3.0)
-    change = rng.choice([scaled(factor), lambda said: said._replace(v=factor * said.v)])
-    return lambda said, now: change(said)
-
-
-def late_heading(rng: random.Random) -> Lie:
-    """The heading is that of 0.3 to 0.5 s ago, as by a slow IMU."""
-    late, kept = rng.uniform(0.3, 0.5), deque[tuple[float, Said]]()
-
-    def lie(said: Said, now: float) -> Said:
-        kept.append((now, said))
-        while len(kept) > 1 and kept[1][0] <= now - late:
-            kept.popleft()
-        return said._replace(theta=kept[0][1].theta)
-
-    return lie
-
-
-def reset_at(distance: float) -> Maker:
-    """Return the maker of a lie by which the odometry begins anew once, when it states a distance from its start, m."""
-
-    def make(rng: random.Random) -> Lie:
-        first: list[Said] = []
-        zero: list[Said] = []
-
-        def lie(said: Said, now: float) -> Said:
-            first.append(said)
-            if not zero and math.hypot(said.x - first[0].x, said.y - first[0].y) > distance:
-                zero.append(said)
-            return _moved_to_zero(said, zero[0]) if zero else said
-
-        return lie
-
-    return make
-
-
-def _moved_to_zero(said: Said, zero: Said) -> Said:
-    """Return what is said from a pose that counts as zero; its heading is not reset, as it comes from the IMU."""
-    return said._replace(x=said.x - zero.x, y=said.y - zero.y)
-
-
-def leap(rng: random.Random) -> Lie:
-    """The pose leaps once by 0.1 to 3 m, as when an odometry far from its start is reset."""
+def leaps(rng: random.Random) -> tuple[float, float]:
+    """Draw a leap of 0.1 to 3 m, as when an odometry far from its start is reset."""
     distance, direction = rng.choice([0.1, 0.2, 0.35, 0.5, 0.8, 1.25, 2.0, 3.0]), rng.uniform(-math.pi, math.pi)
-    dx, dy = distance * math.cos(direction), distance * math.sin(direction)
-    return lambda said, now: said._replace(x=said.x + dx, y=said.y + dy)
+    return distance * math.cos(direction), distance * math.sin(direction)
 
 
-def heading_leaps(rng: random.Random) -> Lie:
-    """The heading leaps once by 0.4 to 3.1 rad."""
-    turn = rng.choice([-1.0, 1.0]) * rng.uniform(0.4, math.pi)
-    return lambda said, now: said._replace(theta=said.theta + turn)
-
-
-def replayed(rng: random.Random) -> Lie:
-    """The messages of the last second or two are said again and again, with fresh stamps."""
-    length, kept = rng.randrange(20, 40), list[Said]()
-    calls = iter(range(10**9))
-
-    def lie(said: Said, now: float) -> Said:
-        if len(kept) < length:
-            kept.append(said)
-            return said
-        return kept[next(calls) % length]
-
-    return lie
-
-
-def two_robots(rng: random.Random) -> Lie:
-    """One node says in turn where two robots are, which are 0.3 to 2 m apart."""
-    away, turn = rng.uniform(0.3, 2.0), iter(range(10**9))
-    return lambda said, now: said._replace(y=said.y + away) if next(turn) % 2 else said
-
-
-def in_the_world(said: Said) -> Said:
-    """The twist is in the frame of the pose, as a tutorial's."""
-    return said._replace(v=said.v * math.cos(said.theta), across=said.v * math.sin(said.theta))
-
-
-def another_frame(rng: random.Random) -> Lie:
-    """The pose is in another frame, or is that of another body."""
-    other = rng.choice([{"frame": "map"}, {"frame": ""}, {"frame": "robot2/odom"}])
-    return lambda said, now: said._replace(**other)
-
-
+LENGTHS = ("x", "y", "v")
 FROM_THEN_ON: dict[str, Maker] = {
     "pose frozen": frozen("x", "y", "theta"),
     "twist frozen": frozen("v", "omega"),
     "pose and twist frozen": frozen("x", "y", "theta", "v", "omega"),
     "position frozen": frozen("x", "y"),
     "heading frozen": frozen("theta"),
-    "twist zero": changed(lambda said: said._replace(v=0.0, omega=0.0)),
-    "pose zero": changed(lambda said: said._replace(x=0.0, y=0.0, theta=0.0)),
-    "odometry reset": leap,
-    "heading leaps": heading_leaps,
-    "old odometry with fresh stamps": replayed,
-    "odometry of another frame": another_frame,
-    "odometry of two robots by one node": two_robots,
+    "twist zero": changed(lambda said: {"v": 0.0, "omega": 0.0}),
+    "pose zero": changed(lambda said: {"x": 0.0, "y": 0.0, "theta": 0.0}),
+    "odometry reset": drawn(leaps, lambda true, by: true[-1]._replace(x=true[-1].x + by[0], y=true[-1].y + by[1])),
+    "heading leaps": drawn(
+        lambda rng: rng.choice([-1.0, 1.0]) * rng.uniform(0.4, math.pi),
+        lambda true, turn: true[-1]._replace(theta=true[-1].theta + turn),
+    ),
+    "old odometry with fresh stamps": drawn(  # the last second or two again and again
+        lambda rng: rng.randrange(20, 40), lambda true, length: true[(len(true) - 1) % length]
+    ),
+    "odometry of another frame": drawn(
+        lambda rng: rng.choice(["map", "", "robot2/odom"]), lambda true, frame: true[-1]._replace(frame=frame)
+    ),
+    "odometry of two robots by one node": drawn(  # in turn
+        lambda rng: rng.uniform(0.3, 2.0), lambda true, away: true[-1]._replace(y=true[-1].y + away * (len(true) % 2))
+    ),
 }
 """Lies of a driver that breaks while it drives."""
 FROM_THE_START: dict[str, Maker] = {
-    "turning rate of wrong sign": changed(lambda said: said._replace(omega=-said.omega)),
-    "speed of wrong sign": changed(lambda said: said._replace(v=-said.v)),
-    "heading of wrong sign": changed(lambda said: said._replace(theta=-said.theta)),
-    "odometry in mm": changed(scaled(1000.0)),
-    "odometry in cm": changed(scaled(100.0)),
-    "degrees instead of radians": degrees,
-    "twist in the world's frame": changed(in_the_world),
-    "x and y swapped": changed(lambda said: said._replace(x=said.y, y=said.x)),
-    "late heading": late_heading,
-    "wrong scale": wrong_scale,
+    "turning rate of wrong sign": changed(lambda said: {"omega": -said.omega}),
+    "speed of wrong sign": changed(lambda said: {"v": -said.v}),
+    "heading of wrong sign": changed(lambda said: {"theta": -said.theta}),
+    "odometry in mm": by_factor(lambda rng: (1000.0, LENGTHS)),
+    "odometry in cm": by_factor(lambda rng: (100.0, LENGTHS)),
+    "degrees instead of radians": by_factor(
+        lambda rng: (math.degrees(1.0), rng.choice([("theta",), ("omega",), ("theta", "omega")]))
+    ),
+    "twist in the world's frame": changed(
+        lambda said: {"v": said.v * math.cos(said.theta), "across": said.v * math.sin(said.theta)}
+    ),
+    "x and y swapped": changed(lambda said: {"x": said.y, "y": said.x}),
+    "late heading": drawn(  # by 0.3 to 0.5 s, as by a slow IMU
+        lambda rng: rng.randint(6, 10), lambda true, late: true[-1]._replace(theta=true[max(len(true) - 1 - late, 0)].theta)
+    ),
+    "wrong scale": by_factor(lambda rng: (rng.uniform(1.5, 3.0), rng.choice([LENGTHS, ("v",)]))),
 }
 """Lies of a driver that was set up wrongly."""
-TURNING = frozenset(
-    {
-        "twist frozen",
-        "heading frozen",
-        "turning rate of wrong sign",
-        "heading of wrong sign",
-        "degrees instead of radians",
-        "twist in the world's frame",
-        "late heading",
-    }
-)
+TURNING = {"twist frozen", "heading frozen", "turning rate of wrong sign", "heading of wrong sign", "late heading"}
+TURNING |= {"degrees instead of radians", "twist in the world's frame"}
 """Lies that show only while the robot turns."""
+NOT_LATCHED = {"odometry of another frame", "odometry of two robots by one node"}
+"""Lies whose end is evidence enough to go on: each message says by itself whether it counts."""
+
+
+def lies(robot: Robot, rng: random.Random, name: str, maker: Maker, by_hand: tuple[float, float] | None = None) -> list[str]:
+    """A driver lies, from within a drive or from its start, of a program or of a person, who commands m/s and rad/s."""
+    if name in FROM_THE_START:  # a person stops the robot, and carries it back to its start
+        robot.ros.ask("velocity_controller/enable", data=False)
+        robot.enable(False)
+        robot.reset_world()
+    if by_hand:
+        robot.teleop = by_hand
+        time.sleep(1.0)  # until it moves so
+    with robot.lock:
+        robot.driver.tells(maker(rng))
+    if name in FROM_THE_START:
+        robot.begin()
+    if name in TURNING:
+        turn_aside(robot, rng)
+    at = until_seen(robot)
+    if name == "wrong scale":
+        at = until_adds_up(robot, at)
+    reasons = stray(robot, at)
+    return reasons if name in NOT_LATCHED else reasons + tells_the_truth(robot)
+
+
+def wheels(robot: Robot, rng: random.Random, turn: Wheels, turning: bool = False, by_hand: bool = False) -> list[str]:
+    """The wheels do not turn as commanded, and the driver says so."""
+    robot.driver.turns = turn
+    if by_hand:
+        robot.teleop = (0.15, 0.0)
+    if turning:
+        turn_aside(robot, rng)
+    return stray(robot, until_seen(robot)) + tells_the_truth(robot)
+
+
+def turn_aside(robot: Robot, rng: random.Random) -> None:
+    """Send the robot somewhere aside, not so far that it would rather drive backwards."""
+    robot.send_goal(rng.choice([-1.0, 1.0]) * rng.uniform(0.9, 1.4))
+
+
+def until_seen(robot: Robot) -> float:
+    """Wait until the lie could be seen, and return when that was, s.
+
+    A filter may see more than the judge: if the robot stands for `TIME` since the filter does not believe its odometry, the lie
+    counts as seen.
+
+    Raises:
+        Unseen: If it could not.
+    """
+    since = time.time()
+    while (at := robot.driver.seen_at) is None:
+        now = time.time()
+        stands = now > since + TIME and not robot.record.in_force(now - TIME, now)
+        if stands and any(DISBELIEVED in complaint for complaint in robot.ros.complaints(since)):
+            return now
+        if now > since + VISIBLE:
+            raise Unseen("the lie could not be seen")
+        time.sleep(0.01)
+    return at
+
+
+def until_adds_up(robot: Robot, at: float) -> float:
+    """Wait until what is said is `EXCUSE` m more than what was commanded since a time, s, or the robot stands; return when."""
+    begun, now = robot.driver.unexplained, time.time()
+    while robot.driver.unexplained - begun < EXCUSE and now < at + VISIBLE:
+        time.sleep(0.01)
+        now = time.time()
+        if now > at + TIME and not robot.record.in_force(now - TIME, now):
+            break
+    return now
+
+
+def stray(robot: Robot, at: float) -> list[str]:
+    """Watch a robot whose driver's lie could be seen at a time, s, and return why its motion since then was unsafe."""
+    time.sleep(max(0.0, at + 2.0 * TIME - time.time()))  # it must not move now and then either
+    return robot.strays(at)
+
+
+def tells_the_truth(robot: Robot) -> list[str]:
+    """Let the driver tell the truth for 2 s, and return that the robot moved on by itself."""
+    at = time.time()
+    moved = robot.record.in_force(at - 0.1, at)
+    with robot.lock:
+        robot.driver.turns = obeying
+        robot.driver.tells(None)
+    return [] if moved else robot.must_stand(at, 2.0)
+
+
+def blocked(v: float, omega: float) -> tuple[float, float]:
+    """Something holds the robot, or the emergency stop of its base is pressed."""
+    return 0.0, 0.0
+
+
+def spinning(robot: Robot, rng: random.Random) -> list[str]:
+    """The wheels spin, and the odometry says that the robot drives."""
+    robot.driver.grips = blocked
+    return robot.must_stand(time.time() + SPIN)
+
+
+def fence(robot: Robot, rng: random.Random, radius: float, maker: Maker | None = None) -> list[str]:
+    """A program drives towards a fence, m, and its driver may lie shortly before it reaches that."""
+    robot.chain.restart(GUARD, geofence=f"{radius}")
+    robot.reset_world()
+    robot.drive_again()
+    if maker:
+        robot.until(lambda: robot.world.pose[0] > radius - 0.2, 5.0, pause=0.01)
+        robot.driver.tells(maker(rng))
+    time.sleep(6.0)
+    away = math.hypot(*robot.world.pose[:2]) - radius
+    return [f"it left its fence of {radius} m by {away:.2f} m"] if away > 0.1 else []
+
+
+FROZEN = FROM_THEN_ON["pose and twist frozen"]
+BY_HAND = {"drives": (0.15, 0.0), "reverses": (-0.15, 0.0), "turns": (0.0, 1.0)}
+LIARS: dict[str, Fault] = {
+    **{name: partial(lies, name=name, maker=maker) for name, maker in {**FROM_THEN_ON, **FROM_THE_START}.items()},
+    **{
+        f"pose and twist frozen, a person {verb}": partial(lies, name="by hand", maker=FROZEN, by_hand=command)
+        for verb, command in BY_HAND.items()
+    },
+    "robot turns the other way": partial(wheels, turn=lambda v, omega: (v, -omega), turning=True),
+    "robot blocked": partial(wheels, turn=blocked),
+    "robot blocked, a person drives": partial(wheels, turn=blocked, by_hand=True),
+    "wheels spin": spinning,
+    "fence ahead": partial(fence, radius=0.8),
+    "pose and twist frozen at a fence": partial(fence, radius=0.5, maker=FROZEN),
+}

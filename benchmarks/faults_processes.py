@@ -1,113 +1,121 @@
-"""Faults of processes, buttons and commands, see `faults_kinds`."""
+"""Faults of processes, terminals and clocks.
+
+Each begins with a driving robot, and returns why what happened was unsafe, besides what the judge finds after every fault:
+motion without a fresh measurement, contact, and nodes that have ended.
+"""
 
 from __future__ import annotations
 
-import math
+import json
+import mmap
+import os
 import random
-import signal
+import struct
+import subprocess
+import sys
 import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from signal import SIGALRM, SIGHUP, SIGINT, SIGKILL, SIGQUIT, SIGSTOP, SIGTERM, SIGTSTP, SIGTTIN, SIGTTOU, SIGUSR1, SIGUSR2
+from typing import Any
 
-from faults_record import AGE, OVERDUE
-from faults_robot import Fault, Robot, nothing
+from faults_chain import CONTROLLER, FILTER, GUARD, STANDBY, Terminal
+from faults_record import STANDS
+from faults_robot import SETTLE, Fault, Robot, nothing
+from faults_ros import stamped
 
-PRESS = 0.5
-"""Time for which a person presses a button whose radio is bad, s; a shorter press may be lost with a message or two."""
-SETTLE = 0.1
-"""Time for a message to take effect, s: several cycles of the guard on a busy machine."""
+SET_STANDS, GUARD_STANDS = 0.6, 0.3
+"""Times after a signal, or a clock's step, and after the end of a guard at which the robot stands on a busy machine, s."""
+POLICY = """
+import json, time
+from pathlib import Path
+import numpy as np
 
-
-def _after_stop(robot: Robot, wait: float = 0.8) -> list[str]:
-    """Return that there was motion from now on, after a stop that only a person may end."""
-    since = time.time() + SETTLE
-    time.sleep(wait)
-    return robot.moves_on(since)
-
-
-# Processes that were suspended
-
-
-def suspended(name: str, *, dies: bool) -> Fault:
-    """Return the fault that suspends a process for 0.5 to 8 s while what it hears dies or lives."""
-
-    def fault(robot: Robot, rng: random.Random) -> list[str]:
-        duration = rng.choice([rng.uniform(0.5, 3.0)] * 4 + [8.0])
-        since = time.time()
-        with robot.chain.suspended(name):
-            time.sleep(duration * rng.uniform(0.1, 0.6))
-            if dies:
-                robot.odometry = nothing
-            time.sleep(duration * 0.4)
-            until = time.time()
-        time.sleep(1.0)
-        stands = 0.3 if name == "cmd_vel_guard" else AGE + OVERDUE  # nobody else could stop it meanwhile
-        return robot.moves_on(since + stands, until) if until > since + stands else []
-
-    return fault
+def drive(observation):
+    order = Path("order").read_text()
+    while order == "hang":
+        time.sleep(0.01)
+        order = Path("order").read_text()
+    if order.isalpha():
+        raise eval(order)("the policy's own")
+    return np.array(json.loads(order), np.float32)
+"""
+AHEAD = "[0.5, 0.0]"
+Motion = Callable[[random.Random], tuple[float, float]]
+"""Draws a motion as shares of the robot's limits."""
 
 
-def suspended_pressed(name: str) -> Fault:
-    """Return the fault in which a button is pressed and released while a process is suspended for 0.5 to 8 s."""
-
-    def fault(robot: Robot, rng: random.Random) -> list[str]:
-        duration = rng.choice([0.5, 1.0, 2.0, 3.0, 5.0, 8.0])
-        with robot.chain.suspended(name):
-            time.sleep(rng.uniform(0.1, 0.5) * duration)
-            robot.record.began, robot.pressed[0] = time.time(), True
-            time.sleep(0.3)
-            robot.pressed[0] = False
-            stopped = time.time()
-            time.sleep(0.4 * duration)
-        late = _after_stop(robot)
-        return late if name == "cmd_vel_guard" else robot.moves_on(stopped + SETTLE)
-
-    return fault
+# Who drives
 
 
-def guard_suspended_sources_die(robot: Robot, rng: random.Random) -> list[str]:
-    """A person and a program command the guard, and end while it is suspended."""
-    robot.teleop = (0.1, 0.0)
-    time.sleep(0.2)
-    with robot.chain.suspended("cmd_vel_guard"):
-        duration = rng.choice([rng.uniform(0.3, 3.0)] * 4 + [8.0])
-        time.sleep(0.5 * duration)
+def by_policy(robot: Robot) -> Callable[[str], None]:
+    """Let a policy of one's own drive ahead, and return how it is ordered a motion, an exception, or to hang."""
+    folder, path = robot.chain.folder, os.pathsep.join([str(robot.chain.folder), *filter(None, sys.path)])
+
+    def order(text: str) -> None:
+        (folder / "order.new").write_text(text)
+        (folder / "order.new").replace(folder / "order")
+
+    (folder / "policy.py").write_text(POLICY)
+    order(AHEAD)
+    robot.chain.restart(CONTROLLER, policy="policy:drive", environment={"PYTHONPATH": path})
+    robot.drive_again()
+    return order
+
+
+def by_hand(robot: Robot, v: float, omega: float) -> None:
+    """Let a person drive, and no program."""
+    robot.ros.ask("velocity_controller/enable", data=False)
+    time.sleep(1.5)  # until it has said its zeros, each of which wakes the guard
+    robot.teleop = (v, omega)
+    until_moves(robot, v, omega)
+
+
+def until_moves(robot: Robot, v: float, omega: float) -> None:
+    """Wait until the last five commands for the wheels are a motion."""
+    robot.until(
+        lambda: sum(each.v * v + each.omega * omega > 0.5 * (v * v + omega * omega) for each in robot.record.heard[-5:]) == 5,
+        3.0,
+        pause=0.02,
+    )
+
+
+# Processes that end or are suspended
+
+
+def ends(
+    robot: Robot, rng: random.Random, what: str, motion: Motion | None = None, how: tuple[int, ...] = (SIGKILL, SIGSTOP)
+) -> list[str]:
+    """A node is killed or hangs, or the odometry or a person's sticks end, during a motion; without one it drives ahead."""
+    if motion:
+        share = motion(rng)
+        v, omega = 0.22 * share[0], 2.84 * share[1]
+        if what in (GUARD, STANDBY, "sticks"):
+            by_hand(robot, v, omega)
+        else:
+            by_policy(robot)(json.dumps(share))
+            until_moves(robot, v, omega)
+    time.sleep(rng.uniform(0.0, 0.2))
+    at = time.time()
+    if what == "odometry":
+        robot.odometry = nothing
+    elif what == "sticks":
         robot.teleop = None
+    else:
+        at = robot.chain.signal(what, rng.choice(how))
+    if what == STANDBY and rng.random() < 0.5:  # the guard must stop it alone
+        time.sleep(rng.uniform(0.1, 1.0))
         robot.odometry = nothing
-        time.sleep(0.5 * duration)
-    time.sleep(0.8)
-    return []
-
-
-# Processes that end
-
-
-def guard_ends(number: signal.Signals) -> Fault:
-    """Return the fault in which a driving guard is killed or hangs: the standby must stop the robot within 0.3 s."""
-
-    def fault(robot: Robot, rng: random.Random) -> list[str]:
-        time.sleep(rng.uniform(0.0, 0.2))
-        robot.record.began = at = robot.chain.signal("cmd_vel_guard", number)
-        time.sleep(1.0)
-        return robot.moves_on(at + 0.3)
-
-    return fault
-
-
-def standby_ends(robot: Robot, rng: random.Random) -> list[str]:
-    """The standby is killed or hangs, in half of the cases the odometry ends too: the guard stops the robot within 0.7 s."""
-    robot.record.began = at = robot.chain.signal("cmd_vel_standby", rng.choice([signal.SIGKILL, signal.SIGSTOP]))
-    time.sleep(rng.uniform(0.1, 1.0))
-    if rng.random() < 0.5:
-        robot.odometry = nothing
-    time.sleep(1.2)
-    return robot.moves_on(at + 0.7)
+    return robot.must_stand(at + (GUARD_STANDS if what == GUARD else STANDS))
 
 
 def guard_restarts(robot: Robot, rng: random.Random) -> list[str]:
     """The guard is killed and started again while the program drives: its first message is zero."""
-    robot.chain.kill("cmd_vel_guard")
+    robot.chain.kill(GUARD)
     time.sleep(1.5)  # until the standby has said its zeros, which are not the new guard's
     since = time.time()
-    robot.chain.start("cmd_vel_guard")
+    robot.chain.start(GUARD)
     while time.time() < since + 30.0:
         later = [command for command in list(robot.record.heard) if command.arrived > since + 0.2]
         if later:
@@ -116,131 +124,137 @@ def guard_restarts(robot: Robot, rng: random.Random) -> list[str]:
     return ["a new guard said nothing"]
 
 
-# Buttons
+def fence_without_filter(robot: Robot, rng: random.Random) -> list[str]:
+    """A program that needs no filter drives inside a fence around the estimate, and the filter is killed or hangs."""
+    robot.chain.restart(GUARD, geofence="2.0", geofence_topic="estimate")
+    robot.chain.end(CONTROLLER)
+    speaker = robot.ros.speaker("cmd_vel_in", "TwistStamped", 2)
+
+    def drive(message: Any, now: float) -> list[tuple[Any, float]]:
+        command = stamped("TwistStamped", "base_footprint", now)
+        command.twist.linear.x = 0.1
+        robot.record.rests_on(now)
+        speaker.publish(command)
+        return [(message, now)]
+
+    robot.odometry = drive
+    robot.until(lambda: robot.enable() and robot.drives(time.time(), 2.0), 60.0)
+    return robot.must_stand(robot.chain.signal(FILTER, rng.choice([SIGKILL, SIGSTOP])) + STANDS)
 
 
-def short_press(robot: Robot, rng: random.Random) -> list[str]:
-    """A button is pressed and released within 0 to 10 ms."""
-    with robot.lock:
-        robot.record.began = time.time()
-        robot.say(0, True)
-        time.sleep(rng.choice([0.0, 0.0, rng.uniform(0.0, 0.01)]))
-        robot.say(0, False)
-    return _after_stop(robot)
-
-
-def two_buttons(robot: Robot, rng: random.Random) -> list[str]:
-    """One of two buttons is held, and a person asks to be enabled."""
-    with robot.lock:
-        robot.pressed[rng.randrange(2)] = True
-    time.sleep(0.3)
-    since = time.time()
-    enabled = sum(robot.ros.ask("cmd_vel_guard/enable", 0.5, data=True) for _ in range(4))
-    return [*(["it was enabled while a button was pressed"] if enabled else []), *robot.moves_on(since)]
-
-
-def button_lost(robot: Robot, rng: random.Random) -> list[str]:
-    """A radio loses what a button says in 0.1 to 0.8 s, in which it is pressed, for half a second."""
-    assert robot.ros.radio
-    robot.record.began = time.time()
-    cut = rng.choice([0.1, 0.3, 0.45, 0.6, 0.8])
-    with robot.ros.radio.cut():
-        robot.pressed[1] = True
-        time.sleep(min(cut, PRESS))
-        if cut > PRESS:
-            robot.pressed[1] = False
-            time.sleep(cut - PRESS)
-    time.sleep(max(PRESS - cut, 0.0))
-    robot.pressed[1] = False
-    time.sleep(0.5)  # until its next messages, which show the gap
-    return _after_stop(robot)
-
-
-def button_dies(robot: Robot, rng: random.Random) -> list[str]:
-    """One of two buttons falls silent while the other continues."""
-    with robot.lock:
-        robot.pressed[rng.randrange(2)] = None
-        robot.record.began = time.time()
-    time.sleep(0.5)
-    late = _after_stop(robot)
-    return [*late, *(["it was enabled while a button was silent"] if robot.enable() else [])]
-
-
-def button_restarts(robot: Robot, rng: random.Random) -> list[str]:
-    """A button's program ends and another one begins, which is not pressed."""
-    with robot.lock:
-        robot.record.began = time.time()
-        robot.pressed[0] = None
-        robot.ros.silence("emergency_stop", 0)
-    time.sleep(rng.uniform(0.6, 1.0))
-    robot.pressed[0] = False
-    return _after_stop(robot)
-
-
-# Floods
-
-
-def flooded(topic: str, kind: str) -> Fault:
-    """Return the fault in which a process publishes on a topic as fast as it can, and the odometry dies meanwhile."""
-
-    def fault(robot: Robot, rng: random.Random) -> list[str]:
-        if "header" in robot.ros.kinds[kind].get_fields_and_field_types():
-            frame = {"TwistStamped": "base_footprint", "LaserScan": "base_scan"}.get(kind, "odom")
-            message = robot.ros.stamped(kind, frame, 0.0)
-        else:
-            message = robot.ros.kinds[kind]()
-        robot.ros.speaker(topic, kind, 9)  # its discovery takes a third of a second on a busy machine: not a part of the fault
-        if kind == "TwistStamped":  # a motion that is fresh when the flood begins
-            message.header.stamp = robot.ros.stamped(kind, "", time.time()).header.stamp
-            message.twist.linear.x = 0.1
-        if kind == "TwistStamped" or topic == "estimate":  # an estimate without a stamp counts from when it was sent
-            robot.record.rests_on(time.time())
-        if kind == "PoseStamped":
-            message.pose.orientation.w = 1.0
-        robot.odometry = nothing
-        robot.record.began = since = time.time()
-        robot.ros.flood(topic, message, 2.0)
-        time.sleep(0.5)
-        reasons = robot.judge(since)
-        for name in ("cmd_vel_guard", "velocity_controller") if kind == "Bool" else ():
-            robot.chain.kill(name)  # a button that is gone for good: they must be started again
-        return reasons
-
-    return fault
-
-
-def flood_elsewhere(robot: Robot, rng: random.Random) -> list[str]:
-    """A flood on one of the other topics that the chain hears."""
-    topics = {"cmd_vel_standby/alive": "Empty", "reset": "Empty", "nis": "DiagnosticArray", "next_reference": "PoseStamped"}
-    topics["initialpose"] = "PoseWithCovarianceStamped"
-    return flooded(*rng.choice([*topics.items()]))(robot, rng)
-
-
-# Commands
-
-
-def old_stamp(robot: Robot, rng: random.Random) -> list[str]:
-    """Commands of a person are 1 to 60 s old by their stamp, when the odometry has ended."""
-    robot.odometry = nothing
-    time.sleep(0.7)
-    for _ in range(20):
-        robot.send_command("cmd_vel_teleop", 0.15, 0.0, age=rng.choice([1.0, 60.0]))
-        time.sleep(0.05)
-    return []
-
-
-def nonsense(robot: Robot, rng: random.Random) -> list[str]:
-    """Commands of a person are not finite, or far above the limits."""
-    since = time.time()
-    robot.teleop = rng.choice([(math.nan, 0.1), (0.1, math.inf), (9.0, -3.0), (1e300, 1e300), (-50.0, 0.0)])
-    time.sleep(0.6)
-    wheels = [abs(command.v) + abs(command.omega) * 0.08 for command in list(robot.record.heard) if command.sent > since]
-    return ["a command was above the limits"] if not all(wheel <= 0.22001 for wheel in wheels) else []
+def suspended(robot: Robot, rng: random.Random, name: str, meanwhile: str) -> list[str]:
+    """A process is suspended for 0.5 to 8 s; meanwhile the sources "live" or "die", or a button is "pressed" and released."""
+    duration = rng.choice([rng.uniform(0.5, 3.0)] * 4 + [8.0])
+    if (name, meanwhile) == (GUARD, "die"):  # a person's commands end too
+        robot.teleop = (0.1, 0.0)
+        time.sleep(0.2)
+    stands = time.time() + (GUARD_STANDS if name == GUARD else STANDS)  # nobody else could stop it meanwhile
+    with robot.chain.suspended(name):
+        time.sleep(duration * rng.uniform(0.1, 0.5))
+        if meanwhile == "die":
+            robot.teleop, robot.odometry = None, nothing
+        if meanwhile == "pressed":
+            robot.pressed[0] = True
+            time.sleep(0.3)
+            robot.pressed[0] = False
+        time.sleep(0.4 * duration)
+        until = time.time()
+    if meanwhile == "pressed":
+        return robot.must_stand((until if name == GUARD else until - 0.4 * duration) + SETTLE, 0.8)
+    time.sleep(1.0)
+    return robot.moves_on(stands, until) if until > stands else []
 
 
 def disabled(robot: Robot, rng: random.Random) -> list[str]:
     """The guard is disabled while commands continue."""
-    robot.record.began = time.time()
-    if not any(robot.enable(False) for _ in range(3)):
-        return ["the guard does not answer"]
-    return _after_stop(robot)
+    answers = any(robot.enable(False) for _ in range(3))
+    return robot.must_stand(time.time() + SETTLE) + ([] if answers else ["the guard does not answer"])
+
+
+def policy(robot: Robot, rng: random.Random, orders: tuple[str, ...]) -> list[str]:
+    """A policy raises an exception of its own, or hangs: the robot stands, and the node answers."""
+    order, at = by_policy(robot), time.time()
+    order(rng.choice(orders))
+    time.sleep(2.0)
+    order(AHEAD)
+    time.sleep(1.0)
+    answers = robot.ros.ask("velocity_controller/enable", data=False)
+    return robot.must_stand(at + SET_STANDS) + ([] if answers else ["the controller is deaf"])
+
+
+# Terminals, signals and the computer's clock
+
+
+def terminal(robot: Robot, rng: random.Random, act: Callable[[Terminal], None]) -> list[str]:
+    """Something happens to the terminal in which guard and standby run."""
+    with robot.chain.terminal() as window:
+        robot.drive_again()
+        time.sleep(rng.uniform(0.0, 0.2))
+        at = time.time()
+        act(window)
+        return robot.must_stand(at + SET_STANDS)
+
+
+def signalled(robot: Robot, rng: random.Random, numbers: tuple[int, ...]) -> list[str]:
+    """Guard and standby get the same signal at once."""
+    number = rng.choice(numbers)
+    at = robot.chain.signal(GUARD, number)
+    robot.chain.signal(STANDBY, number)
+    return robot.must_stand(at + SET_STANDS)
+
+
+def clock_set(robot: Robot, rng: random.Random, sizes: tuple[float, ...]) -> list[str]:
+    """The computer's clock is set by a time, s, when a person's radio and all sensors end."""
+    offset, library, source = (
+        robot.chain.folder / "offset",
+        robot.chain.folder / "clock.so",
+        Path(__file__).parent / "clock_shim.c",
+    )
+    offset.write_bytes(bytes(mmap.PAGESIZE))
+    subprocess.run(["gcc", "-O2", "-shared", "-fPIC", "-o", library, source, "-ldl", "-lm", "-lpthread"], check=True)
+    for name in (GUARD, STANDBY):
+        robot.chain.restart(name, environment={"LD_PRELOAD": str(library), "CLOCK_SHIM": str(offset)})
+    robot.record.trusts_source = False
+    robot.drive_again()
+    by_hand(robot, 0.15, 0.0)
+    with robot.lock:
+        robot.teleop, robot.odometry, robot.scan = None, nothing, lambda message: None
+        at = time.time()
+        with offset.open("r+b") as file:
+            file.write(struct.pack("d", rng.choice(sizes)))
+    return robot.must_stand(at + SET_STANDS, 2.5)
+
+
+NODES = {"filter": FILTER, "controller": CONTROLLER, "guard": GUARD}
+PROCESSES: dict[str, Fault] = {
+    **{
+        f"{what} suspended, sources {do}": partial(suspended, name=name, meanwhile=do)
+        for what, name in NODES.items()
+        for do in ("die", "live")
+    },
+    "guard killed": partial(ends, what=GUARD, how=(SIGKILL,)),
+    "guard hangs": partial(ends, what=GUARD, how=(SIGSTOP,)),
+    "guard restarted": guard_restarts,
+    "standby killed or hung": partial(ends, what=STANDBY),
+    "guard disabled": disabled,
+    "policy raises an exit": partial(policy, orders=("SystemExit", "KeyboardInterrupt", "GeneratorExit")),
+    "policy hangs": partial(policy, orders=("hang",)),
+}
+MOTIONS: dict[str, Fault] = {
+    f"{what} ends, robot {verb}": partial(ends, what=name, motion=motion)
+    for what, name in {**NODES, "standby": STANDBY, "odometry": "odometry", "sticks": "sticks"}.items()
+    for verb, motion in {
+        "reverses": lambda rng: (-rng.uniform(0.5, 0.9), 0.0),
+        "turns": lambda rng: (0.0, rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.5)),
+    }.items()
+}
+MOTIONS["filter ends, fence by its estimate"] = fence_without_filter
+ENDS: dict[str, Fault] = {
+    "terminal closed": partial(terminal, act=lambda window: window.close()),
+    **{f"Ctrl-{key}": partial(terminal, act=lambda window, key=key: window.press(key)) for key in ("C", "Z", "\\")},
+    "guard and standby hung up": partial(signalled, numbers=(SIGHUP,)),
+    "guard and standby ended by a signal": partial(signalled, numbers=(SIGINT, SIGTERM, SIGQUIT, SIGUSR1, SIGUSR2, SIGALRM)),
+    "guard and standby suspended by a signal": partial(signalled, numbers=(SIGTSTP, SIGTTIN, SIGTTOU)),
+    "computer's clock set back": partial(clock_set, sizes=(-0.775, -2.0, -30.0, -3600.0)),
+    "computer's clock set ahead": partial(clock_set, sizes=(0.775, 2.0, 30.0, 3600.0)),
+}

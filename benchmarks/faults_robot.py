@@ -15,29 +15,32 @@ from collections.abc import Callable
 from typing import Any
 
 from faults_chain import Chain
-from faults_driver import Driver, Said
 from faults_record import UNSEEN, Record
-from faults_ros import Ros
-from faults_world import ANGLES, BEAMS, FARTHEST, World
+from faults_ros import Ros, stamped
+from faults_world import ANGLES, BEAMS, FARTHEST, Driver, Said, World
 
 AHEAD = 50.0
 """Distance of a goal to which the robot is sent, m: farther than it can drive in any fault."""
+SETTLE = 0.1
+"""Time for a message to take effect, s: several cycles of the guard on a busy machine."""
+
+
+class Unseen(Exception):
+    """A fault that did not happen, or could not be seen: nothing follows from it, and it must be injected again."""
 
 
 class Robot:
-    """The robot, and the judge.
+    """The robot in its ROS domain, and the judge.
 
-    Args:
-        domain: Its ROS domain.
-        buttons: Whether it has emergency stops. A suspended guard that has heard one also stops because of its silence.
+    One with emergency stops is another robot than one without: a suspended guard that has heard one also stops because of its
+    silence.
     """
 
     def __init__(self, domain: int, *, buttons: bool) -> None:
-        self.has_buttons = buttons
-        self.record = Record()
-        self.ros = Ros(domain, radio=buttons)
-        self.ros.hear("cmd_vel", "TwistStamped", lambda message, info: self._hear(message, info), reliable=True)  # as a robot
+        self.record, self.ros = Record(), Ros(domain, radio=buttons)
+        self.ros.hear("cmd_vel", "TwistStamped", self._hear)
         self.lock, self._over = threading.RLock(), threading.Event()
+        self._has_buttons = buttons
         self.reset_world()
         self.ros.start()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -52,9 +55,10 @@ class Robot:
             self.driver = Driver(self.world)
             self.clock: Callable[[float], float] = lambda now: now
             self.odometry: Callable[[Any, float], list[tuple[Any, float]]] = lambda message, now: [(message, now)]
+            """What is sent for a message of odometry, each with when it was measured, s."""
             self.scan: Callable[[Any], Any] = lambda message: message
             self.teleop: tuple[float, float] | None = None
-            self.pressed: list[bool | None] = [False, False] if self.has_buttons else [None, None]
+            self.pressed: list[bool | None] = [False, False] if self._has_buttons else [None, None]
             self.ros.silence_strangers()
 
     # What it sends.
@@ -65,15 +69,17 @@ class Robot:
         while not self._over.wait(0.05):
             with self.lock:
                 turn, now = turn + 1, time.time()
-                for v, omega, lasts in self.record.obeyed(last, now):
-                    self.driver.move(v, omega, lasts)
+                for begin, end, v, omega in self.record.held(last, now):
+                    self.driver.move(v, omega, end - begin)
                     if (v, omega) != (0.0, 0.0):
                         self.record.clearances.append((now, self.world.clearance()))
                 self.record.looks.append(now)
                 last = now
-                self.send_odometry(now)
-                if turn % 4 == 0:
-                    self.send_scan(now)
+                for sent, measured in self.odometry(self.odometry_of(self.driver.says(now), now), now):
+                    self.record.rests_on(measured)
+                    self.ros.speaker("odom", "Odometry").publish(sent)
+                if turn % 4 == 0 and (scan := self.scan(self.scan_of(self.world.ranges(), now))) is not None:
+                    self.ros.speaker("scan", "LaserScan").publish(scan)
                 if self.teleop is not None:
                     self.send_command("cmd_vel_teleop", *self.teleop)
                 for which, pressed in enumerate(self.pressed):
@@ -82,37 +88,25 @@ class Robot:
 
     def odometry_of(self, said: Said, now: float) -> Any:
         """Return the message of odometry that says something, with a stamp of the robot's clock."""
-        message = self.ros.stamped("Odometry", said.frame, self.clock(now))
-        message.child_frame_id = said.child
+        message = stamped("Odometry", said.frame, self.clock(now))
+        message.child_frame_id = "base_footprint"
         pose, twist = message.pose.pose, message.twist.twist
         pose.position.x, pose.position.y = said.x, said.y
         pose.orientation.z, pose.orientation.w = math.sin(0.5 * said.theta), math.cos(0.5 * said.theta)
         twist.linear.x, twist.linear.y, twist.angular.z = said.v, said.across, said.omega
         return message
 
-    def send_odometry(self, now: float) -> None:
-        """Send what the driver says, through whatever the fault does to it on the way."""
-        for sent, measured in self.odometry(self.odometry_of(self.driver.says(now), now), now):
-            self.record.rests_on(measured)
-            self.ros.speaker("odom", "Odometry").publish(sent)
-
     def scan_of(self, ranges: Any, now: float) -> Any:
         """Return the message of a scan."""
-        message = self.ros.stamped("LaserScan", "base_scan", self.clock(now))
+        message = stamped("LaserScan", "base_scan", self.clock(now))
         message.angle_min, message.angle_max, message.angle_increment = 0.0, float(ANGLES[-1]), 2.0 * math.pi / BEAMS
         message.range_min, message.range_max = 0.12, FARTHEST
         message.ranges = [float(distance) for distance in ranges]
         return message
 
-    def send_scan(self, now: float) -> None:
-        """Send what the LiDAR measured."""
-        message = self.scan(self.scan_of(self.world.ranges(), now))
-        if message is not None:
-            self.ros.speaker("scan", "LaserScan").publish(message)
-
     def send_command(self, topic: str, v: float, omega: float, age: float = 0.0) -> None:
         """Send a command with a stamp of a given age, s."""
-        message = self.ros.stamped("TwistStamped", "base_footprint", self.clock(time.time() - age))
+        message = stamped("TwistStamped", "base_footprint", self.clock(time.time() - age))
         message.twist.linear.x, message.twist.angular.z = v, omega
         if (v, omega) != (0.0, 0.0) and math.isfinite(v + omega):
             self.record.rests_on(time.time() - age)
@@ -120,14 +114,16 @@ class Robot:
 
     def send_goal(self, direction: float) -> None:
         """Send the robot somewhere far away, in a direction in the frame of its odometry, rad."""
-        goal = self.ros.stamped("PoseStamped", "odom", self.clock(time.time()))
+        goal = stamped("PoseStamped", "odom", self.clock(time.time()))
         goal.pose.position.x, goal.pose.position.y = AHEAD * math.cos(direction), AHEAD * math.sin(direction)
         goal.pose.orientation.w = 1.0
         self.ros.speaker("goal_pose", "PoseStamped").publish(goal)
 
     def say(self, which: int, pressed: bool) -> None:
         """Publish once whether a button is pressed."""
-        self.ros.speaker("emergency_stop", "Bool", which).publish(self.ros.kinds["Bool"](data=pressed))
+        message = stamped("Bool", "", 0.0)
+        message.data = pressed
+        self.ros.speaker("emergency_stop", "Bool", which).publish(message)
 
     # What it is asked for.
 
@@ -135,41 +131,30 @@ class Robot:
         """Enable or disable the guard."""
         return self.ros.ask("cmd_vel_guard/enable", data=on)
 
-    def drive(self) -> str:
-        """Make the robot drive from its start, from any state of its chain.
-
-        Returns:
-            What the nodes reported if the whole chain had to be started again for it, or an empty text.
+    def drive(self) -> None:
+        """Make the robot drive from its start, from any state of its chain, which is started again at last.
 
         Raises:
             RuntimeError: If it does not drive then either.
         """
-        trouble = ""
-        while not self._goes_on(300.0):  # on a busy machine five chains take minutes to start
-            if trouble:
-                raise RuntimeError(f"the robot does not drive: {trouble}")
-            trouble = "; ".join(f"{name}: {text}" for name, text in {each.name: each.text for each in self.ros.reports}.items())
-            self.chain.kill_all()
-        return trouble
+        for _ in range(2):
+            self.chain.repair()
+            until = time.monotonic() + 300.0  # on a busy machine five chains take minutes to start
+            while time.monotonic() < until:
+                self.reset_world()
+                if self.begin():
+                    return
+            self.chain.kill()
+        raise RuntimeError(f"the robot does not drive: {[(each.name, each.text) for each in self.ros.reports[-10:]]}")
 
-    def _goes_on(self, patience: float) -> bool:
-        """Return whether the robot drives within a time, s, once a person has put all right."""
-        until = time.monotonic() + patience
-        self.chain.repair()
-        while time.monotonic() < until:
-            self.reset_world()
-            if self.begin():
-                return True
-        return False
-
-    def begin(self, patience: float = 2.0) -> bool:
-        """Let a person reset and enable everything, and return whether the robot drives within a time, s."""
+    def begin(self) -> bool:
+        """Let a person reset and enable everything, and return whether the robot drives within 2 s."""
         self.ros.ask("kalman_filter/reset")
         self.ros.ask("waypoint_generator/reset")  # it may have compared clocks that a fault had set
         time.sleep(0.6)  # a button counts as pressed for half a second after it is released
         if not (self.enable() and self.ros.ask("velocity_controller/enable", data=True)):
             return False
-        return self.drives(time.time(), patience)
+        return self.drives(time.time(), 2.0)
 
     def drives(self, since: float, patience: float) -> bool:
         """Return whether it drives ahead for five commands within a time, s."""
@@ -179,16 +164,21 @@ class Robot:
                 return True
         return False
 
-    def drive_again(self, patience: float = 90.0) -> None:
-        """Wait until the robot drives again after a part of its chain was started otherwise, for a time at most, s.
+    def drive_again(self) -> None:
+        """Wait until the robot drives again after a part of its chain was started otherwise."""
+        self.until(self.begin, 90.0)
+
+    def until(self, condition: Callable[[], bool], patience: float, pause: float = 0.0) -> None:
+        """Wait until a condition holds.
 
         Raises:
-            Unseen: If it does not.
+            Unseen: If it does not within a time, s.
         """
         until = time.monotonic() + patience
-        while not self.begin():
+        while not condition():
             if time.monotonic() > until:
-                raise Unseen("the robot did not drive again")
+                raise Unseen("the robot did not do what the fault needs")
+            time.sleep(pause)
 
     def judge(self, since: float) -> list[str]:
         """Return why what happened since a time was unsafe, besides what the fault forbids; none if it was safe.
@@ -203,14 +193,24 @@ class Robot:
         reasons = [*self.record.reasons(since, until), *(f"{name} has ended" for name in self.chain.dead())]
         gap = self.record.unseen(since, until)
         if not reasons and not (caught_up and self._thread.is_alive() and gap <= UNSEEN):
-            raise Unseen(f"nobody looked for {gap:.1f} s" if gap > UNSEEN else "the judge did not hear everything")
+            raise Unseen(f"nobody looked for {gap:.1f} s, or the judge did not hear everything")
         return reasons
 
-    def moves_on(self, since: float, until: float | None = None) -> list[str]:
+    def must_stand(self, since: float, watched: float = 1.0) -> list[str]:
+        """Watch the robot for a time, s, and return that a motion was in force since another."""
+        time.sleep(max(0.0, since - time.time()) + watched)
+        return self.moves_on(since, time.time())
+
+    def moves_on(self, since: float, until: float) -> list[str]:
         """Return that a motion was in force between two times, when there may be none; an empty list if none was."""
         self.ros.catch_up()
-        lasts = self.record.lasts(since, time.time() if until is None else until)
+        lasts = self.record.lasts(since, until)
         return [f"motion was in force for {lasts:.2f} s after it had to end"] if lasts > 0.0 else []
+
+    def strays(self, since: float) -> list[str]:
+        """Return why the motion was unsafe since a time at which a lie could be seen."""
+        self.ros.catch_up()
+        return self.record.strays(since, time.time())
 
     def close(self) -> None:
         """Shut everything down."""
@@ -224,12 +224,8 @@ class Robot:
         self.record.hear(sent, arrived, message.twist.linear.x, message.twist.angular.z)
 
 
-class Unseen(Exception):
-    """A fault that did not happen, or could not be seen: nothing follows from it, and it must be injected again."""
-
-
 Fault = Callable[[Robot, random.Random], list[str]]
-"""Injects a fault, and returns why what happened was unsafe, besides what `Robot.judge` finds; see `faults_kinds`."""
+"""Injects a fault, and returns why what happened was unsafe, besides what `Robot.judge` finds."""
 
 
 def nothing(message: Any, now: float) -> list[tuple[Any, float]]:

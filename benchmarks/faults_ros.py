@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from faults_radio import Radio
+import rclpy.node
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool, Empty
+from std_srvs.srv import SetBool, Trigger
 
+_KINDS = (DiagnosticArray, PoseStamped, PoseWithCovarianceStamped, TwistStamped, Odometry, LaserScan, Bool, Empty)
+KINDS: dict[str, Any] = {kind.__name__: kind for kind in _KINDS}
 PATIENCE = 0.05
 """Time for which the thread waits for a message, s."""
 WARN = 1
@@ -24,41 +41,22 @@ class Report(NamedTuple):
     name: str
     level: int
     text: str
-    values: dict[str, str]
 
 
 class Ros:
-    """A node in a thread of its own.
-
-    Args:
-        domain: Its ROS domain.
-        radio: Whether one publisher, of the second button, is behind a radio that can be cut.
-    """
+    """A node in a thread of its own; with a radio, the publisher of the second button is behind one that can be cut."""
 
     def __init__(self, domain: int, *, radio: bool) -> None:
-        import rclpy.node
-        from rclpy.context import Context
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.qos import QoSProfile, ReliabilityPolicy
-
-        self.context = Context()
-        self.context.init([], domain_id=domain)
-        self.node: Any = rclpy.node.Node("faults", context=self.context)
-        self.kinds = _kinds()
+        self._context = Context()
+        self._context.init([], domain_id=domain)
+        self.node: Any = rclpy.node.Node("faults", context=self._context)
         self.reports: list[Report] = []
         """What was heard on ``/diagnostics``, oldest first."""
-        self._reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-        self._every = {
-            reliable: QoSProfile(depth=5000, reliability=policy)
-            for reliable, policy in ((True, ReliabilityPolicy.RELIABLE), (False, ReliabilityPolicy.BEST_EFFORT))
-        }
+        self.radio = Radio(domain) if radio else None
         self._speakers: dict[tuple[str, int], Any] = {}
         self._clients: dict[str, Any] = {}
-        self.radio = Radio(domain) if radio else None
-        if self.radio:  # it keeps no message to send it again
-            self._speakers["emergency_stop", 1] = self.radio.node.create_publisher(self.kinds["Bool"], "emergency_stop", 1)
-        self.node.create_subscription(self.kinds["DiagnosticArray"], "/diagnostics", self._read_reports, 10)
-        self._executor = SingleThreadedExecutor(context=self.context)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._read_reports, 10)
+        self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._over, self._patience, self._idle = threading.Event(), PATIENCE, 0.0
         self._thread = threading.Thread(target=self._spin, daemon=True)
@@ -68,8 +66,6 @@ class Ros:
         self._thread.start()
 
     def _spin(self) -> None:
-        from rclpy.impl.implementation_singleton import rclpy_implementation
-
         while not self._over.is_set():
             begun, patience = time.monotonic(), self._patience
             with contextlib.suppress(rclpy_implementation.InvalidHandle):  # of what a fault has just destroyed
@@ -77,9 +73,10 @@ class Ros:
             if time.monotonic() - begun >= patience:
                 self._idle = begun
 
-    def hear(self, topic: str, kind: str, take: Callable[..., None], *, reliable: bool = False) -> Any:
-        """Subscribe to every message of a topic; ``take`` may want a message's info too."""
-        return self.node.create_subscription(self.kinds[kind], topic, take, self._every[reliable])
+    def hear(self, topic: str, kind: str, take: Callable[..., None]) -> Any:
+        """Subscribe to every message of a topic, as a robot does; ``take`` may want a message's info too."""
+        every = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
+        return self.node.create_subscription(KINDS[kind], topic, take, every)
 
     def catch_up(self, patience: float = 5.0) -> bool:
         """Wait until nothing waits that has arrived, and return whether it came to that in time, s."""
@@ -91,15 +88,15 @@ class Ros:
 
     def speaker(self, topic: str, kind: str, which: int = 0) -> Any:
         """Return a publisher; those above 1 end with the fault."""
+        if self.radio and (topic, which) == ("emergency_stop", 1):
+            return self.radio.speaker
         key = (topic, which)
         if key not in self._speakers:
-            from rclpy.event_handler import PublisherEventCallbacks
-
+            reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
             events = PublisherEventCallbacks(use_default_callbacks=False)  # an executor that waits for events keeps them alive
-            speaker = self.node.create_publisher(self.kinds[kind], topic, self._reliable, event_callbacks=events)
-            self._speakers[key] = speaker
+            self._speakers[key] = self.node.create_publisher(KINDS[kind], topic, reliable, event_callbacks=events)
             until = time.monotonic() + (1.0 if which > 1 else 0.0)
-            while not speaker.get_subscription_count() and time.monotonic() < until:
+            while not self._speakers[key].get_subscription_count() and time.monotonic() < until:
                 time.sleep(0.01)
         return self._speakers[key]
 
@@ -108,26 +105,13 @@ class Ros:
         self.node.destroy_publisher(self._speakers.pop((topic, which)))
 
     def silence_strangers(self) -> None:
-        """End all publishers that a fault has made."""
+        """End the publishers that only a fault has."""
         for topic, which in [key for key in self._speakers if key[1] > 1]:
             self.silence(topic, which)
 
-    def stamped(self, kind: str, frame: str, at: float) -> Any:
-        """Return an empty message with a stamp, s."""
-        message = self.kinds[kind]()
-        message.header.frame_id = frame
-        message.header.stamp.sec, message.header.stamp.nanosec = int(at), int(at % 1.0 * 1e9)
-        return message
-
-    def flood(self, topic: str, message: Any, duration: float) -> None:
-        """Publish a message as often as a process can for a time, s."""
-        speaker, until = self.speaker(topic, type(message).__name__, 9), time.monotonic() + duration
-        while time.monotonic() < until:
-            speaker.publish(message)
-
     def ask(self, service: str, patience: float = 3.0, **request: Any) -> bool:
         """Call a service, and return whether it agreed in time."""
-        kind = self.kinds["SetBool" if request else "Trigger"]
+        kind = SetBool if request else Trigger
         if service not in self._clients:  # kept, since a new one is not discovered at once
             self._clients[service] = self.node.create_client(kind, service)
         client = self._clients[service]
@@ -147,8 +131,7 @@ class Ros:
         del self.reports[:-1000]
         for status in message.status:
             level = int.from_bytes(status.level, "little") if isinstance(status.level, bytes) else status.level
-            values = {value.key: value.value for value in status.values}
-            self.reports.append(Report(time.time(), status.name, level, status.message, values))
+            self.reports.append(Report(time.time(), status.name, level, status.message))
 
     def close(self) -> None:
         """End the node."""
@@ -157,28 +140,58 @@ class Ros:
         if self.radio:
             self.radio.close()
         self.node.destroy_node()
-        self.context.shutdown()
+        self._context.shutdown()
 
 
-def _kinds() -> dict[str, Any]:
-    """Return the types of messages and services by name."""
-    from diagnostic_msgs.msg import DiagnosticArray
-    from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
-    from nav_msgs.msg import Odometry
-    from sensor_msgs.msg import LaserScan
-    from std_msgs.msg import Bool, Empty
-    from std_srvs.srv import SetBool, Trigger
+def stamped(kind: str, frame: str, at: float) -> Any:
+    """Return an empty message, with a stamp, s, if its kind has one."""
+    message = KINDS[kind]()
+    if hasattr(message, "header"):
+        message.header.frame_id = frame
+        message.header.stamp.sec, message.header.stamp.nanosec = int(at), int(at % 1.0 * 1e9)
+    return message
 
-    kinds = (
-        DiagnosticArray,
-        PoseStamped,
-        PoseWithCovarianceStamped,
-        TwistStamped,
-        Odometry,
-        LaserScan,
-        Bool,
-        Empty,
-        SetBool,
-        Trigger,
-    )
-    return {kind.__name__: kind for kind in kinds}
+
+class Radio:
+    """A button's publisher whose radio can be cut: what it sends meanwhile is lost, as on a bad link.
+
+    It is in a DDS participant of its own, so that the rest of its process is heard meanwhile. Fast DDS sends from sockets of
+    their own; while it is cut they are replaced by one that leads nowhere.
+    """
+
+    def __init__(self, domain: int) -> None:
+        self._context, before = Context(), _sockets()
+        self._context.init([], domain_id=domain)
+        self._node: Any = rclpy.node.Node("radio", context=self._context)
+        hears = range(7400 + 250 * domain, 7650 + 250 * domain)  # the ports of a domain
+        self._senders = [at for at, port in _sockets().items() if at not in before and port not in hears]
+        self.speaker = self._node.create_publisher(Bool, "emergency_stop", 1)  # keeps no message to send it again
+
+    @contextmanager
+    def cut(self) -> Iterator[None]:
+        """Lose what it sends."""
+        kept = {at: os.dup(at) for at in self._senders}
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as nowhere:
+            for at in kept:
+                os.dup2(nowhere.fileno(), at)
+        try:
+            yield
+        finally:
+            for at, sender in kept.items():
+                os.dup2(sender, at)
+                os.close(sender)
+
+    def close(self) -> None:
+        """End the node."""
+        self._node.destroy_node()
+        self._context.shutdown()
+
+
+def _sockets() -> dict[int, int]:
+    """Return the ports of this process's UDP sockets by their file descriptors."""
+    sockets = {}
+    for path in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(path.name))) as connection:
+            if (connection.family, connection.type) == (socket.AF_INET, socket.SOCK_DGRAM):
+                sockets[int(path.name)] = connection.getsockname()[1]
+    return sockets

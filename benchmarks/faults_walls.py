@@ -1,271 +1,226 @@
-"""Faults of a LiDAR: the robot drives towards a wall or a post, and must not touch it in half a minute; see `faults_kinds`."""
+"""Faults of a LiDAR: the robot drives towards a wall or a post, and must not touch it in half a minute.
+
+A LiDAR that is covered says so nowhere: its driver sends 0, or infinity, as for a free hall.
+"""
 
 from __future__ import annotations
 
 import math
 import random
 import time
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from faults_robot import Fault, Robot
-from faults_world import ANGLES, BEAMS, DEAD_END, FARTHEST, ROUGHNESS, advance
+from faults_world import ANGLES, BEAMS, DEAD_END, FARTHEST, ROUGHNESS, advance, away
 
-WATCHED = 30.0
-"""Time for which the robot is watched, s: at the speed at which it may enter unknown space it reaches the wall in it."""
-STANDING = 10.0
-"""Time after which a robot that stands is watched no longer, s: one that creeps does not stand."""
-AHEAD = 0.0
-"""Direction in which it drives, rad."""
+WATCHED, STANDING = 30.0, 10.0
+"""Times for which the robot is watched before a wall, and after which one that stands is watched no longer, s."""
 BESIDE = 0.06
 """Least distance to the wall at which a robot with a healthy LiDAR stops, m: its margin of 0.05 m, which grows with a range."""
 SCANS_COUNT = 0.4
 """Age from which a scan no longer counts, s."""
+WIDTHS = math.radians(40.0), math.radians(180.0)
+"""Least and greatest width of a sector that says nothing, rad."""
+LEFT, RIGHT = 0.5 * math.pi, -0.5 * math.pi
+Lie = Callable[[Sequence[Any]], Any]
+"""Returns what the LiDAR sends instead of the last of the scans since the lie began, five a second; None for nothing."""
+Maker = Callable[[random.Random], Lie]
+"""Makes a new lie, and chooses among the members of its class."""
 
 
-def towards_wall(robot: Robot, scan: Callable[[Any], Any], watched: float = WATCHED) -> list[str]:
-    """Drive towards a wall with a LiDAR that lies, until the robot touches it, stands, or was watched for a time, s."""
-    robot.record.began = since = time.time()
+def towards_wall(robot: Robot, lie: Lie) -> list[str]:
+    """Drive towards a wall with a LiDAR that lies, until the robot touches it, stands, or was watched for long enough."""
+    since, scans = time.time(), list[Any]()
+
+    def scan(message: Any) -> Any:
+        scans.append(message)
+        return lie(scans)
+
     robot.world.walls, robot.scan = DEAD_END, scan
-    while (now := time.time()) < since + watched and robot.record.nearest(since) > 0.0:
+    while (now := time.time()) < since + WATCHED and robot.record.nearest(since) > 0.0:
         if now > since + STANDING and not robot.record.in_force(now - STANDING, now):
             break
         time.sleep(0.05)
     return []
 
 
-def within(center: float, width: float) -> Any:
-    """Return which beams are within a sector around a direction, both in rad."""
-    return np.abs(np.remainder(ANGLES - center + math.pi, 2.0 * math.pi) - math.pi) <= 0.5 * width
+def wall(robot: Robot, rng: random.Random, maker: Maker, sides: tuple[float, ...] = ()) -> list[str]:
+    """The LiDAR lies before a wall; or a person drives a curve around a post on a side, 1 for the left, that is too near."""
+    if sides:
+        side, after, inside = rng.choice(sides), rng.uniform(2.5, 5.0), rng.uniform(0.10, 0.13)
+        x, y, theta = advance(robot.world.pose, 0.15, side * 0.35, after)
+        robot.world.posts = [(x - side * inside * math.sin(theta), y + side * inside * math.cos(theta), 0.05)]
+        robot.teleop = (0.15, side * 0.35)
+    return towards_wall(robot, maker(rng))
 
 
-def post_beside(robot: Robot, rng: random.Random, side: float) -> None:
-    """Let a person drive a curve around a post that is too near, on a side, 1 for the left."""
-    after, inside = rng.uniform(2.5, 5.0), rng.uniform(0.10, 0.13)
-    v, omega = 0.15, side * 0.35
-    x, y, theta = advance(robot.world.pose, v, omega, after)
-    robot.world.posts = [(x - side * inside * math.sin(theta), y + side * inside * math.cos(theta), 0.05)]
-    robot.teleop = (v, omega)
+# Lies
 
 
-def lidar(spoil: Callable[[Any], Any]) -> Fault:
-    """Return the fault in which a LiDAR changes what it sends."""
-    return lambda robot, rng: towards_wall(robot, spoil)
+def changed(change: Callable[[NDArray[np.float64]], Any]) -> Lie:
+    """Return the lie that changes the ranges of each scan."""
+
+    def lie(scans: Sequence[Any]) -> Any:
+        scans[-1].ranges = [float(distance) for distance in change(np.array(scans[-1].ranges))]
+        return scans[-1]
+
+    return lie
 
 
-# Ranges that are no measurements
+def delayed(scans: Sequence[Any], late: int, *, fresh: bool) -> Any:
+    """Scans are late by some of them, and say so or have fresh stamps."""
+    if len(scans) <= late:
+        return None
+    if fresh:
+        scans[-1 - late].header.stamp = scans[-1].header.stamp
+    return scans[-1 - late]
 
 
-def filled(value: float) -> Callable[[Any], Any]:
-    """Return the change by which every beam says the same."""
+def frozen(rng: random.Random, noise: Sequence[float], widths: tuple[float, float] = (7.0, 7.0)) -> Lie:
+    """A sector ahead, by default the whole circle, repeats its last ranges with a noise, m."""
+    deviation, inside, kept = rng.choice(noise), away(ANGLES, 0.0) <= 0.5 * rng.uniform(*widths), list[Any]()
 
-    def fill(message: Any) -> Any:
-        message.ranges = [value] * len(message.ranges)
-        return message
+    def freeze(ranges: Any) -> Any:
+        kept.append(ranges)
+        return np.where(inside, kept[0] + [rng.gauss(0.0, deviation) for _ in ANGLES], ranges)
 
-    return fill
-
-
-def frozen(noise: float) -> Fault:
-    """Return the fault in which the LiDAR repeats its last ranges with fresh stamps and a noise, m."""
-
-    def fault(robot: Robot, rng: random.Random) -> list[str]:
-        kept: list[Any] = []
-
-        def freeze(message: Any) -> Any:
-            kept.append(message.ranges)
-            message.ranges = [distance + rng.gauss(0.0, noise) for distance in kept[0]]
-            return message
-
-        return towards_wall(robot, freeze)
-
-    return fault
+    return changed(freeze)
 
 
-def late(robot: Robot, rng: random.Random) -> list[str]:
-    """Scans are late by 1 to 5 s and say so."""
-    return towards_wall(robot, _delayed(rng.choice([1.0, 2.0, 5.0]), fresh=False))
+def silent(rng: random.Random, center: float = 0.0, period: tuple[float, float] | None = None) -> Lie:
+    """A sector around a direction, rad, returns nothing, as 0 or as infinity; for good, or for a period now and then, s."""
+    inside, lost = away(ANGLES, center) <= 0.5 * rng.uniform(*WIDTHS), rng.choice([0.0, math.inf])
+    lasts, since = rng.uniform(*period) if period else math.inf, time.time()
+    return changed(lambda ranges: np.where(inside & ((time.time() - since) // lasts % 2 == 0), lost, ranges))
 
 
-def late_with_fresh_stamps(robot: Robot, rng: random.Random) -> list[str]:
-    """Scans are late by 0.8 to 1.5 s, and their stamps hide it."""
-    return towards_wall(robot, _delayed(rng.uniform(0.8, 1.5), fresh=True))
+def cut(scans: Sequence[Any], first: int, number: int, step: int = 1) -> Any:
+    """The LiDAR has only some of its beams."""
+    scan = scans[-1]
+    scan.ranges = [scan.ranges[(first + k * step) % BEAMS] for k in range(number)]
+    scan.angle_min, scan.angle_increment = first * scan.angle_increment, step * scan.angle_increment
+    scan.angle_max = scan.angle_min + (number - 1) * scan.angle_increment
+    return scan
 
 
-def _delayed(by: float, *, fresh: bool) -> Callable[[Any], Any]:
-    kept: deque[tuple[float, Any]] = deque()
-
-    def delay(message: Any) -> Any:
-        stamp = message.header.stamp
-        kept.append((time.time(), message))
-        due = None
-        while kept and kept[0][0] <= time.time() - by:
-            due = kept.popleft()[1]
-        if due is not None and fresh:
-            due.header.stamp = stamp
-        return due
-
-    return delay
+def sector(center: float, width: float) -> Lie:
+    """Messages hold only a part of the circle around a direction; both in rad."""
+    return partial(cut, first=round((center - 0.5 * width) / ANGLES[1]), number=round(width / ANGLES[1]) + 1)
 
 
-def ends(robot: Robot, rng: random.Random) -> list[str]:
-    """The scans end while a wall is still far away: the robot stands when the last one is too old."""
-    robot.scan = lambda message: None
-    robot.record.began = at = time.time()
-    time.sleep(rng.uniform(1.5, 4.0))
-    return robot.moves_on(at + SCANS_COUNT + 0.3)
+def partial_view(rng: random.Random, center: float) -> Lie:
+    """240 degrees say nothing, or are not in the message.
+
+    A LiDAR that says of the rest that nothing returned cannot be told from one in a hall.
+    """
+    width = math.radians(120.0)
+    hidden = changed(lambda ranges: np.where(away(ANGLES, center) <= 0.5 * width, ranges, math.nan))
+    return rng.choice([hidden, sector(center, width)])
 
 
-# Directions
+def few(number: int) -> Lie:
+    """The LiDAR has few beams, and none straight ahead."""
+    return partial(cut, first=BEAMS // number // 2, number=number, step=BEAMS // number)
 
 
-def turned(message: Any) -> Any:
-    """The LiDAR is mounted turned by half a turn."""
-    half = len(message.ranges) // 2
-    message.ranges = [*message.ranges[half:], *message.ranges[:half]]
-    return message
+def scaled(scans: Sequence[Any], factor: float) -> Any:
+    """Ranges and their limits are in another unit."""
+    scans[-1].range_min, scans[-1].range_max = factor * scans[-1].range_min, factor * scans[-1].range_max
+    return changed(lambda ranges: factor * ranges)(scans)
 
 
-def mirrored(message: Any) -> Any:
-    """The LiDAR is mounted upside down."""
-    message.ranges = [message.ranges[0], *reversed(message.ranges[1:])]
-    return message
-
-
-def upside_down(robot: Robot, rng: random.Random) -> list[str]:
-    """The LiDAR is mounted upside down; a person drives a curve around a post that is seen on the other side."""
-    post_beside(robot, rng, rng.choice([-1.0, 1.0]))
-    return towards_wall(robot, mirrored)
-
-
-def another_frame(message: Any) -> Any:
-    """The scan is of another LiDAR, which looks elsewhere."""
-    message.header.frame_id = "camera_depth_frame"
-    message.ranges = _free()
-    return message
-
-
-def _free() -> list[float]:
+def free_hall() -> list[float]:
     """Return the ranges of a free hall, m."""
     return [FARTHEST - 0.5 + random.gauss(0.0, ROUGHNESS) for _ in range(BEAMS)]
 
 
-def sector(center: float, width: float) -> Callable[[Any], Any]:
-    """Return the change by which a LiDAR sees only a part of the circle around a direction; both in rad."""
-    begin = round((center - 0.5 * width) / ANGLES[1])
-    seen = [(begin + k) % BEAMS for k in range(round(width / ANGLES[1]) + 1)]
-
-    def cut(message: Any) -> Any:
-        message.ranges = [message.ranges[k] for k in seen]
-        message.angle_min = begin * message.angle_increment
-        message.angle_max = message.angle_min + (len(seen) - 1) * message.angle_increment
-        return message
-
-    return cut
+def another_frame(scans: Sequence[Any]) -> Any:
+    """The scan is of another LiDAR, which looks elsewhere."""
+    scans[-1].header.frame_id = "camera_depth_frame"
+    return changed(lambda ranges: free_hall())(scans)
 
 
-def partial(center: float, width: float) -> Fault:
-    """Return the fault of a LiDAR that sees only a part: the rest says nothing, or is not in the message; both in rad.
+# Other faults
 
-    A LiDAR that says of the rest that nothing returned cannot be told from one in a hall.
-    """
 
-    def fault(robot: Robot, rng: random.Random) -> list[str]:
-        seen = within(center, width)
+def second_source(robot: Robot, rng: random.Random) -> list[str]:
+    """Another robot, in a free hall, publishes its scans on the same topic at 1 to 20 Hz."""
+    rate, speaker = rng.choice([1.0, 2.0, 5.0, 10.0, 20.0]), robot.ros.speaker("scan", "LaserScan", 2)
 
-        def hide(message: Any) -> Any:
-            message.ranges = [distance if there else math.nan for distance, there in zip(message.ranges, seen, strict=True)]
-            return message
+    def both(message: Any, now: float) -> list[tuple[Any, float]]:
+        if rng.random() < rate / 20.0:
+            speaker.publish(robot.scan_of(free_hall(), now))
+        return [(message, now)]
 
-        return towards_wall(robot, rng.choice([hide, sector(center, width)]))
+    robot.odometry = both
+    return towards_wall(robot, lambda scans: scans[-1])
 
-    return fault
+
+def scans_end(robot: Robot, rng: random.Random) -> list[str]:
+    """The scans end while a wall is still far away: the robot stands when the last one is too old."""
+    robot.scan = lambda message: None
+    return robot.must_stand(time.time() + SCANS_COUNT + 0.3, rng.uniform(1.0, 3.0))
 
 
 def ahead_only(robot: Robot, rng: random.Random) -> list[str]:
-    """A LiDAR that sees only 60 degrees ahead; a person turns towards what it does not see, and drives."""
-    robot.world.walls, robot.scan = DEAD_END, sector(0.0, math.radians(60.0))
-    robot.record.began = since = time.time()
+    """A LiDAR sees only 60 degrees ahead; a person turns towards what it does not see, and drives."""
     robot.teleop = (0.15, rng.choice([-0.21, 0.21]))  # it meets the wall beside it with its side
-    while time.time() < since + WATCHED and robot.record.nearest(since) > 0.0:
-        time.sleep(0.05)
-    return []
-
-
-def beams(count: int) -> Callable[[Any], Any]:
-    """Return the change by which a LiDAR has few beams, and none straight ahead."""
-
-    def thin(message: Any) -> Any:
-        step = len(message.ranges) // count
-        message.ranges = list(message.ranges)[step // 2 :: step]
-        message.angle_min, message.angle_increment = message.angle_increment * (step // 2), message.angle_increment * step
-        message.angle_max = message.angle_min + (len(message.ranges) - 1) * message.angle_increment
-        return message
-
-    return thin
+    return towards_wall(robot, sector(0.0, math.radians(60.0)))
 
 
 def post_between_beams(robot: Robot, rng: random.Random) -> list[str]:
     """A post stands ahead, between two beams that are wider apart than the robot."""
     robot.world.posts = [(rng.uniform(0.9, 1.1), 0.0, rng.uniform(0.05, 0.2))]
-    return towards_wall(robot, beams(rng.choice([4, 6, 8])))
+    return towards_wall(robot, few(rng.choice([4, 6, 8])))
 
 
-# Units, and sources
-
-
-def in_another_unit(robot: Robot, rng: random.Random) -> list[str]:
-    """Ranges and their limits are in mm, cm or inches."""
-    factor = rng.choice([1000.0, 100.0, 39.37])
-
-    def scale(message: Any) -> Any:
-        message.ranges = [factor * distance for distance in message.ranges]
-        message.range_min, message.range_max = factor * message.range_min, factor * message.range_max
-        return message
-
-    return towards_wall(robot, scale)
-
-
-def second_source(robot: Robot, rng: random.Random) -> list[str]:
-    """Another robot, in a free hall, publishes its scans on the same topic at 1 to 20 Hz."""
-    period, due = 1.0 / rng.choice([1.0, 2.0, 5.0, 10.0, 20.0]), [time.time()]
-    robot.ros.speaker("scan", "LaserScan", 2)
-
-    def both(message: Any, now: float) -> list[tuple[Any, float]]:
-        if now >= due[0]:
-            due[0] += period
-            robot.ros.speaker("scan", "LaserScan", 2).publish(robot.scan_of(_free(), now))
-        return [(message, now)]
-
-    robot.odometry = both
-    return towards_wall(robot, lambda message: message)
-
-
-def healthy(robot: Robot, rng: random.Random) -> list[str]:
+def healthy(robot: Robot, rng: random.Random, *, forwards: bool) -> list[str]:
     """Everything works, and the robot, driven by a program or a person, stops by itself before a wall or a post."""
     since = time.time()
-    if rng.random() < 0.3:
+    if forwards and rng.random() < 0.3:
         robot.world.posts = [(rng.uniform(1.0, 1.1), 0.0, 0.1)]
     if rng.random() < 0.5:
-        robot.teleop = (0.2, 0.0)
-    towards_wall(robot, lambda message: message)
-    return _too_near(robot, since)
-
-
-def healthy_behind(robot: Robot, rng: random.Random) -> list[str]:
-    """Everything works, and the robot, sent or driven backwards, stops by itself before a wall."""
-    since = time.time()
-    if rng.random() < 0.5:
-        robot.teleop = (-0.2, 0.0)
-    else:
+        robot.teleop = (0.2 if forwards else -0.2, 0.0)
+    elif not forwards:
         robot.send_goal(math.pi)
-    towards_wall(robot, lambda message: message)
-    return _too_near(robot, since)
-
-
-def _too_near(robot: Robot, since: float) -> list[str]:
+    towards_wall(robot, lambda scans: scans[-1])
     nearest = robot.record.nearest(since)
     return [f"a healthy robot stopped only {nearest:.3f} m from a wall"] if nearest < BESIDE else []
+
+
+LIES: dict[str, Maker] = {
+    "scans late": lambda rng: partial(delayed, late=rng.choice([5, 10, 25]), fresh=False),
+    "scans late with fresh stamps": lambda rng: partial(delayed, late=rng.randint(4, 7), fresh=True),
+    "LiDAR frozen": partial(frozen, noise=[0.0]),
+    "LiDAR frozen, with noise": partial(frozen, noise=[ROUGHNESS]),
+    "LiDAR frozen ahead": partial(frozen, noise=[0.0, ROUGHNESS], widths=WIDTHS),
+    "LiDAR covered": lambda rng: changed(lambda ranges: math.nan * ranges),
+    "LiDAR all zero": lambda rng: changed(np.zeros_like),
+    "LiDAR all infinite": lambda rng: changed(lambda ranges: math.inf * ranges),
+    "LiDAR turned by 180 degrees": lambda rng: changed(lambda ranges: np.roll(ranges, BEAMS // 2)),
+    "LiDAR in another unit": lambda rng: partial(scaled, factor=rng.choice([1000.0, 100.0, 39.37])),
+    "LiDAR of another frame": lambda rng: another_frame,
+    "LiDAR of four beams": lambda rng: few(4),
+    "LiDAR that sees only behind": partial(partial_view, center=math.pi),
+    "LiDAR that sees only the left": partial(partial_view, center=LEFT),
+    "LiDAR that sees only the right": partial(partial_view, center=RIGHT),
+    "LiDAR silent ahead": silent,
+    "LiDAR silent now and then": partial(silent, period=(0.5, 3.0)),
+}
+WALLS: dict[str, Fault] = {
+    "healthy wall": partial(healthy, forwards=True),
+    "healthy wall behind": partial(healthy, forwards=False),
+    "scans end": scans_end,
+    "second source of scans": second_source,
+    "post between beams": post_between_beams,
+    "LiDAR that sees only ahead": ahead_only,
+    **{name: partial(wall, maker=maker) for name, maker in LIES.items()},
+    "LiDAR silent on the left": partial(wall, maker=partial(silent, center=LEFT), sides=(1.0,)),
+    "LiDAR silent on the right": partial(wall, maker=partial(silent, center=RIGHT), sides=(-1.0,)),
+    "LiDAR upside down": partial(wall, maker=lambda rng: changed(lambda ranges: ranges[-np.arange(BEAMS)]), sides=(1.0, -1.0)),
+}

@@ -1,12 +1,16 @@
-"""The room in which the faults' robot drives, how it moves, and what its LiDAR measures; without ROS.
+"""The robot that the faults are done to, without ROS: its room, its motion, its LiDAR, and a driver that may lie.
 
-It shares no code with the simulator of turtlebot_gym: a unicycle and a caster of rays of their own, so that an error in one is
-not repeated in the other.
+It shares no code with the simulator of turtlebot_gym, so that an error in one is not repeated in the other. The driver moves by
+the last command for ever, as a TurtleBot3, and what it says goes through a lie; `Driver.seen_at` is when that could first be
+seen, by comparing it with what a robot that obeys would say.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,21 +19,21 @@ HALL = (3.0, 1.5, 1.0)
 """Walls ahead of the start, to the left and right, and behind, m."""
 DEAD_END = (1.3, 1.5, 1.0)
 """The same with a wall ahead that the robot reaches within seconds."""
-OPEN = (3.2, 3.2, 3.2)
-"""Walls so far away that a robot which leaves a fence of 2 m has not met one."""
-BEAMS, FARTHEST = 180, 3.5
-"""Number of beams of the LiDAR, and its range, m."""
+BEAMS, FARTHEST, ROUGHNESS = 180, 3.5, 0.005
+"""Number of beams of the LiDAR, its range, m, and the standard deviation of a range, m."""
 ANGLES = 2.0 * math.pi / BEAMS * np.arange(BEAMS)
 """Directions of the beams in the robot's frame, rad."""
-ROUGHNESS = 0.005
-"""Standard deviation of a range, m."""
-LIDAR_X = -0.032
-"""Position of a Burger's LiDAR ahead of its axle, m."""
-RADIUS, CENTER_X = 0.105, -0.032
-"""Radius of its footprint, and its centre ahead of the axle, m."""
+LIDAR_X, CENTER_X, RADIUS = -0.032, -0.032, 0.105
+"""Positions of a Burger's LiDAR and centre ahead of its axle, and its radius, m."""
+WINDOW = 0.5
+"""Time over which motion that is said is compared with motion that was commanded, s."""
+SEEN = (0.03, 0.05, 0.05, 0.1)
+"""Differences that can be seen: way, m, and turn, rad, within the window; speed, m/s; turning rate, rad/s."""
+Pose = tuple[float, float, float]
+"""x, y, m, and heading, rad."""
 
 
-def advance(pose: tuple[float, float, float], v: float, omega: float, dt: float) -> tuple[float, float, float]:
+def advance(pose: Pose, v: float, omega: float, dt: float) -> Pose:
     """Move a unicycle for a time, s, along its exact arc."""
     x, y, theta = pose
     half = 0.5 * omega * dt
@@ -37,20 +41,19 @@ def advance(pose: tuple[float, float, float], v: float, omega: float, dt: float)
     return x + chord * math.cos(theta + half), y + chord * math.sin(theta + half), theta + omega * dt
 
 
+def away(angles: NDArray[np.float64], center: float) -> NDArray[np.float64]:
+    """Return how far directions are from another, rad."""
+    return np.abs(np.remainder(angles - center + math.pi, 2.0 * math.pi) - math.pi)
+
+
 class World:
-    """A robot at the start of a rectangular hall, with round posts."""
+    """A robot at the start of a rectangular hall, with round posts: x, y and radius of each, m."""
 
     def __init__(self) -> None:
-        self.pose = (0.0, 0.0, 0.0)
-        """x, y, m, and heading, rad."""
+        self.pose: Pose = (0.0, 0.0, 0.0)
         self.walls = HALL
         self.posts: list[tuple[float, float, float]] = []
-        """x, y and radius of each post, m."""
         self._noise = np.random.default_rng()
-
-    def move(self, v: float, omega: float, dt: float) -> None:
-        """Move for a time, s."""
-        self.pose = advance(self.pose, v, omega, dt)
 
     def clearance(self) -> float:
         """Return the distance between the footprint and the nearest wall or post, m; negative in contact."""
@@ -76,3 +79,88 @@ class World:
             ranges = np.minimum(ranges, np.where(hit, along - np.sqrt(np.maximum(radius**2 - across**2, 0.0)), np.inf))
         ranges += self._noise.normal(0.0, ROUGHNESS, BEAMS)
         return np.where(ranges <= FARTHEST, ranges, np.inf)
+
+
+class Said(NamedTuple):
+    """What a message of odometry says; m, rad, m/s, rad/s."""
+
+    x: float
+    y: float
+    theta: float
+    v: float
+    omega: float
+    across: float = 0.0
+    """Speed to the left."""
+    frame: str = "odom"
+
+
+Lie = Callable[[list[Said]], Said]
+"""Returns what is said instead of the last of what was true since the lie began, at 20 Hz."""
+Wheels = Callable[[float, float], tuple[float, float]]
+"""Returns the v, m/s, and omega, rad/s, with which something moves, for those of the command."""
+
+
+def obeying(v: float, omega: float) -> tuple[float, float]:
+    """Move as commanded."""
+    return v, omega
+
+
+class Driver:
+    """The driver of a robot in a world, whose odometry states a pose at first."""
+
+    def __init__(self, world: World, start: Pose = (0.0, 0.0, 0.0)) -> None:
+        self.world = world
+        self.turns: Wheels = obeying
+        """How the wheels turn."""
+        self.grips: Wheels = obeying
+        """How a robot moves whose wheels turn so."""
+        self.seen_at: float | None = None
+        """Time of the first message that shows a lie, s."""
+        self.unexplained = 0.0
+        """Sum of the ways that it said besides those that were commanded, m."""
+        self._measured = self._obedient = start
+        self._speeds, self._said_at = (0.0, 0.0), 0.0
+        self._window: deque[tuple[float, Said, Said]] = deque()
+        self.tells(None)
+
+    def tells(self, lie: Lie | None) -> None:
+        """Tell a lie from now on, or the truth."""
+        self._lie, self._true = lie, list[Said]()
+
+    def move(self, v: float, omega: float, dt: float) -> None:
+        """Obey a command for a time, s."""
+        self._obedient, self._speeds = advance(self._obedient, v, omega, dt), (v, omega)
+        turned = self.turns(v, omega)
+        self._measured = advance(self._measured, *turned, dt)
+        self.world.pose = advance(self.world.pose, *self.grips(*turned), dt)
+
+    def says(self, now: float) -> Said:
+        """Return what it says at a time, s."""
+        self._true.append(Said(*self._measured, *self.turns(*self._speeds)))
+        said = self._lie(self._true) if self._lie else self._true[-1]
+        self.unexplained += abs(said.v - self._speeds[0]) * min(max(now - self._said_at, 0.0), 0.2)
+        self._said_at = now
+        self._compare(said, Said(*self._obedient, *self._speeds), now)
+        return said
+
+    def _compare(self, said: Said, obedient: Said, now: float) -> None:
+        self._window.append((now, said, obedient))
+        while self._window[0][0] < now - WINDOW:
+            self._window.popleft()
+        _, before, obeyed = self._window[0]
+        (dx, dy, turn), (to_x, to_y, to_turn) = _motion(before, said), _motion(obeyed, obedient)
+        differences = (
+            math.hypot(dx - to_x, dy - to_y),
+            abs(math.remainder(turn - to_turn, 2.0 * math.pi)),
+            math.hypot(said.v - obedient.v, said.across),
+            abs(said.omega - obedient.omega),
+        )
+        if self.seen_at is None and (said.frame != "odom" or any(np.greater(differences, SEEN))):
+            self.seen_at = now
+
+
+def _motion(before: Said, after: Said) -> Pose:
+    """Return the motion between two messages in the frame of the first."""
+    dx, dy = after.x - before.x, after.y - before.y
+    cosine, sine = math.cos(before.theta), math.sin(before.theta)
+    return cosine * dx + sine * dy, cosine * dy - sine * dx, after.theta - before.theta

@@ -3,27 +3,29 @@
 PPO begins with VFH+ and is trained with several seeds, on worlds, LiDARs and noise that differ between environments. The best
 training on the trainings' own evaluation seeds is the policy shipped with the package. Every policy drives the same held-out
 rooms of each setting, on seeds that neither trainings nor tunings use. The baselines have their defaults, which were tuned for
-`dense`. All trainings together form one row, whose intervals include the variance between trainings. With ``--keep`` the
-package keeps the policy that it has, and that one drives.
+`dense`. All trainings together form one row, whose intervals include the variance between trainings. With ``--seeds 0`` nothing
+is trained, and the package's own `ppo-rooms` drives.
 
-Trainings and drives are kept under `out/`, by commit, so an interrupted run resumes.
+Trainings and drives are kept in a folder, so an interrupted run resumes; another commit needs another folder.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+import os
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from itertools import chain
+from multiprocessing import get_context
 from pathlib import Path
-from shutil import copyfile
+from shutil import copyfile, rmtree
 from typing import Any
 
 import numpy as np
 import tyro
 
-from harness.study import write_summary
-from harness.tables import table
-from scenarios import best_of_trainings, kept, name_of, results_folder, run_all, slug, trainings
+from harness.study import each, finished, publish
+from turtlebot_gym.files import load
 from turtlebot_gym.rooms.grid import OCCUPIED, GridMap
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.maps import FAR_ENOUGH
@@ -31,11 +33,10 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS as WORLDS
 from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
-from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.evaluation.result import Evaluation
 from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.named import SAFETY
-from turtlebot_gym_agents.provenance import plain, settings_of, write_json
+from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.train import train
 
 MAP = "map"
 """Setting whose world is the map of a hall, see `hall`."""
@@ -57,157 +58,113 @@ SETTINGS: dict[str, dict[str, Any]] = {
     **{f"{world}, noise wheel": {"world": world, "noise": "wheel"} for world in ("dense", "office", "cellular", "corridor")},
 }
 """Settings by name: arguments of the environment that differ from its defaults."""
-COMPARED_WITH = "vfh"
-"""Baseline with whose success the others are compared."""
-SHIPPED = "ppo-rooms"
-UNREAD = ("barn", "clearance_5th", "collision_difference", "spl", "timeout")
-"""Parts of the results that no page shows."""
-COLUMNS = {
-    "setting": "{setting}",
-    "policy": "{policy}",
-    "success, %": "{success:.1%}",
-    f"minus {COMPARED_WITH}, points": "{success_difference:.1%}",
-    "collisions, %": "{collision:.1%}",
-    "time, s": "{time.value:.2f}",
-}
+COMPARED_WITH, SHIPPED = "vfh", "ppo-rooms"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Config:
-    """Train and drive all policies."""
-
-    policy: tuple[str, ...] = (
-        "bearing",
-        "bearing+safety",
-        "vfh",
-        "vfh+safety",
-        "planner",
-        "planner+safety",
-        "oracle",
-    )
-    """As for `turtlebot-gym evaluate`."""
-    seeds: int = 3
-    """Number of trainings, with seeds from 0; 0 for none."""
-    steps: int | None = None
-    """Steps of each training; by default those of the configuration."""
-    keep: bool = False
-    """Whether `ppo-rooms` stays the policy that is in the package; by default the best of these trainings replaces it."""
-    only: tuple[str, ...] = ()
-    """Settings by name; by default all."""
-    episodes: int = 1000
-    """Number of rooms of each setting."""
-    first_seed: int = 1_000_000
-    """First seed of the rooms, which are the first episodes of these seeds."""
-    processes: int = 2
-    """Number of parallel processes, each on one core; with 1 all runs in this one."""
-    runs: Path | None = None
-    """Folder of trainings and drives; by default out/pretrained/COMMIT."""
-    out: Path = Path("out/rooms")
-    """Folder for the policy and all results."""
-    json: Path = Path("benchmarks/rooms_study.json")
-    """File for their summary."""
-
-
-def hall(seed: int = 0) -> GridMap:
+def hall(seed: int = 0) -> FloorPlan:
     """Return a map of 20 m by 20 m at 5 cm: walls around, shelves and pillars."""
     random, cells = np.random.default_rng(seed), np.zeros((400, 400), np.int8)
     for _ in range(120):
         i, j, height, width = *random.integers(0, 390, 2), *random.integers(2, 25, 2)
         cells[i : i + height, j : j + width] = OCCUPIED
     cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
-    return GridMap(cells=cells, resolution=0.05)
+    grid = GridMap(cells=cells, resolution=0.05)
+    return FloorPlan(walls=grid.walls(), map=grid, max_distance=FAR_ENOUGH)
 
 
-def drive(folder: Path, policy: str, name: str, config: Config) -> Evaluation:
-    """Return a policy's episodes in a setting, which are driven if missing; a bundle is identified by its bytes."""
-    stem = slug(policy=name_of(policy), setting=name, n=config.episodes, seed=config.first_seed)
-    return kept(folder / "drives" / f"{stem}.pickle", evaluation_of, policy, name, config)
+def trained(seed: int, steps: int | None, out: str) -> dict[str, Any]:
+    """Return a training's policy, and its return on the trainings' own evaluation seeds."""
+    run = Path(out) / f"ppo-{seed}"
+    rmtree(run, ignore_errors=True)  # of an interrupted training
+    train(TrainingConfig(steps=steps, seed=seed, randomize=True, env=ROOMS), run, progress=False)
+    best = load(run / "result.json")["best"]
+    return {"seed": seed, "steps": steps, "out": out, "policy": str(run / "policy.onnx"), "return": best["return"]}
 
 
-def evaluation_of(policy: str, name: str, config: Config) -> Evaluation:
-    """Drive a policy in a setting."""
-    options = SETTINGS[name]
-    if name == MAP:
-        grid = hall()
-        options = {"world": FloorPlan(walls=grid.walls(), map=grid, max_distance=FAR_ENOUGH)}
+def drive(policy: str, setting: str, episodes: int, seed: int) -> dict[str, Any]:
+    """Return how a policy's episodes in a setting end, and after what time, s."""
+    options = {"world": hall()} if setting == MAP else SETTINGS[setting]
     # Some settings show another pose than a bundle was trained on: how much that matters is what they measure.
-    return evaluate(policy, env=ROOMS, episodes=config.episodes, seed=config.first_seed, allow_mismatch=True, **options)
+    run = evaluate(policy, env=ROOMS, episodes=episodes, seed=seed, allow_mismatch=True, **options)
+    ends = {"success": run.episodes.success, "collision": run.episodes.collision, "time": run.times()}
+    return {"policy": policy, "setting": setting, "episodes": episodes, "seed": seed, **ends}
 
 
-def row(name: str, policy: str, driven: Sequence[Evaluation], reference: Evaluation) -> dict[str, Any]:
-    """Return the figures of one policy, or of several trainings of one kind, in a setting."""
-    content = {"setting": name, "policy": policy, **figures(driven)}
-    differences = {}
-    for part in ("success", "collision"):
-        others = getattr(reference.episodes, part)
-        if len(driven) == 1:
-            differences[f"{part}_difference"] = metrics.paired_share_difference(getattr(driven[0].episodes, part), others)
-        else:
-            differences[f"{part}_difference"] = metrics.share_difference(content[part], metrics.share(others))
-    return {**content, **differences}
-
-
-def figures(driven: Sequence[Evaluation]) -> dict[str, Interval]:
+def figures(runs: Sequence[dict[str, Any]], reference: dict[str, Any]) -> dict[str, Any]:
     """Return the figures of a policy; for several trainings, with their variance in the intervals."""
-    if len(driven) == 1:
-        summary = driven[0].summary()
-        return {key: summary[key] for key in ("success", "collision", "timeout", "spl", "barn", "clearance_5th", "time")}
-    e = [evaluation.episodes for evaluation in driven]
-    success, collision = (np.array([getattr(evaluation, key) for evaluation in e]) for key in ("success", "collision"))
+    success, collision, time = (np.array([run[part] for run in runs]) for part in ("success", "collision", "time"))
+    others = np.array(reference["success"])
+    if len(runs) == 1:
+        figures = {
+            "success": metrics.share(success[0]),
+            "collision": metrics.share(collision[0]),
+            "time": metrics.mean(time[0]),
+        }
+        return {**figures, "success_difference": metrics.paired_share_difference(success[0], others)}
+    together = comparison.share(success)
     return {
-        "success": comparison.share(success),
+        "success": together,
         "collision": comparison.share(collision),
-        "timeout": comparison.share(~success & ~collision),
-        "spl": comparison.spread([evaluation.spl() for evaluation in driven]).interval(),
-        "clearance_5th": metrics.mean([metrics.quantile(evaluation.clearance, 0.05).value for evaluation in e]),
-        "time": comparison.spread([evaluation.times() for evaluation in driven]).interval(),
+        "time": comparison.spread(time).interval(),
+        "success_difference": metrics.share_difference(together, metrics.share(others)),
     }
 
 
-def study(config: Config, folder: Path, runs: Sequence[Path], shipped: str | None) -> list[dict[str, Any]]:
-    """Drive all policies in all settings, each once, and return the rows."""
-    bundles = [str(run / "policy.onnx") for run in runs]
-    kinds = {policy: [policy] for policy in (*config.policy, COMPARED_WITH)}
-    if shipped is not None:
-        kinds |= {SHIPPED: [shipped], SHIPPED + SAFETY: [shipped + SAFETY]}
-    if len(bundles) > 1:
-        kinds[f"ppo, {len(bundles)} trainings"] = bundles
-    names = config.only or tuple(SETTINGS)
-    pairs = [(policy, name) for name in names for policy in dict.fromkeys(driver for kind in kinds.values() for driver in kind)]
-    evaluations = run_all([partial(drive, folder, *pair, config) for pair in pairs], "settings and policies", config.processes)
-    by_pair: Mapping[tuple[str, str], Evaluation] = dict(zip(pairs, evaluations, strict=True))
-    rows = []
-    for name in names:
-        for kind, policies in kinds.items():
-            line = row(name, kind, [by_pair[policy, name] for policy in policies], by_pair[COMPARED_WITH, name])
-            bare = policies[0].removesuffix(SAFETY), name
-            if policies[0].endswith(SAFETY) and bare in by_pair:
-                line["later"] = later(by_pair[policies[0], name], by_pair[bare])
-            rows.append(line)
-    return rows
-
-
-def later(protected: Evaluation, bare: Evaluation) -> Interval:
+def later(protected: dict[str, Any], bare: dict[str, Any]) -> metrics.Interval:
     """Return by how much the safety layer delays the arrival in rooms that the policy crosses with and without it, s."""
-    with_layer, without = protected.episodes, bare.episodes
-    return metrics.mean((with_layer.time - without.time)[with_layer.success & without.success])
+    both = np.array(protected["success"]) & np.array(bare["success"])
+    return metrics.mean((np.array(protected["time"]) - np.array(bare["time"]))[both])
 
 
-def main() -> None:
-    """Train, drive, print a table, and write policy, card and results."""
-    config = tyro.cli(Config, description=__doc__)
-    folder = config.runs or results_folder("pretrained")
-    jobs = trainings(folder, config.steps, config.seeds, env=ROOMS)
-    runs = run_all(jobs, "trainings", config.processes)
-    shipped = SHIPPED if config.keep else (str(best_of_trainings(runs) / "policy.onnx") if runs else None)
-    rows = study(config, folder, runs, shipped)
-    print(table(plain(rows), COLUMNS))
-    if shipped is not None and not config.keep:
-        config.out.mkdir(parents=True, exist_ok=True)
-        copyfile(shipped, config.out / f"{SHIPPED}.onnx")
-    write_json(config.out / "rooms_study.json", {"rows": rows}, config=settings_of(config))
-    write_summary(config.json, {"rows": rows}, config, UNREAD)
+def main(
+    *,
+    policy: tuple[str, ...] = ("bearing", "bearing+safety", "vfh", "vfh+safety", "planner", "planner+safety", "oracle"),
+    seeds: int = 3,
+    steps: int | None = None,
+    only: tuple[str, ...] = tuple(SETTINGS),
+    episodes: int = 1000,
+    first_seed: int = 1_000_000,
+    processes: int = 2,
+    out: Path = Path("out/rooms"),
+    json: Path = Path("benchmarks/rooms_study.json"),
+) -> None:
+    """Train, drive, print, and write results, and the best policy into the folder.
+
+    Args:
+        policy: As for `turtlebot-gym evaluate`.
+        seeds: Number of trainings, with seeds from 0; 0 for none.
+        steps: Steps of each training; by default those of the configuration.
+        only: Settings by name.
+        episodes: Number of rooms of each setting.
+        first_seed: First seed of the rooms, which are the first episodes of these seeds.
+        processes: Number of parallel processes, each on one core.
+        out: Folder of finished work.
+        json: File for the results.
+    """
+    options, rows = {**locals()}, []
+    os.environ.update(TURTLEBOT_GYM_THREADS="1", OMP_NUM_THREADS="1")  # of the processes
+
+    def all_of(judge: Any, units: list[tuple[Any, ...]], names: str) -> list[dict[str, Any]]:
+        pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
+        return [*each(finished(judge, units, out / f"{judge.__name__}.jsonl", names, pool), judge.__name__, len(units))]
+
+    runs = all_of(trained, [(seed, steps, str(out)) for seed in range(seeds)], "seed steps out")
+    best = max(runs, key=lambda run: run["return"])["policy"] if runs else SHIPPED
+    kinds = {name: [name] for name in (*policy, COMPARED_WITH)} | {SHIPPED: [best], SHIPPED + SAFETY: [best + SAFETY]}
+    if runs:
+        kinds[f"ppo, {seeds} trainings"] = [run["policy"] for run in runs]
+        copyfile(best, out / f"{SHIPPED}.onnx")
+    units = [(name, place, episodes, first_seed) for place in only for name in dict.fromkeys(chain(*kinds.values()))]
+    driven = {(run["policy"], run["setting"]): run for run in all_of(drive, units, "policy setting episodes seed")}
+    for place in only:
+        for kind, names in kinds.items():
+            line = figures([driven[name, place] for name in names], driven[COMPARED_WITH, place])
+            bare = names[0].removesuffix(SAFETY), place
+            if names[0].endswith(SAFETY) and bare in driven:
+                line["later"] = later(driven[names[0], place], driven[bare])
+            rows.append({"setting": place, "policy": kind, **line})
+    publish(json, {"rows": rows}, options)
 
 
 if __name__ == "__main__":
-    main()
+    tyro.cli(main, description=__doc__)

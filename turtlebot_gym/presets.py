@@ -73,8 +73,8 @@ RECORDED = Noise(
     process=replace(_TWIST, veer=0.0359, slip=0.5, slip_start=0.0005, slip_end=0.2),
     odometry=replace(_POSE, leap_probability=2.4e-5, leap=0.34, leap_turn=1.06, reverse_probability=0.0026),
 )
-"""Wheel odometry as recordings of three robots and the messages of a fourth have it, fitted with intervals by
-`benchmarks/recorded.py`: wheels, track and radii that are not as assumed, gaps as of late messages, leaps that stay.
+"""Wheel odometry as recordings of three robots and the messages of a fourth have it, fitted with intervals,
+see `benchmarks/recorded.json`: wheels, track and radii that are not as assumed, gaps as of late messages, leaps that stay.
 Slips, resets and reverse motion counted as forward are in none of these recordings: their rates are half an event in all of the
 time, and the depth and length of a slip are those of `rough`. No filter can remove the drift."""
 

@@ -1,1 +1,1 @@
-"""The speed benchmark: contenders that take turns, peers in their own environments, and a guard against regressions."""
+"""What the benchmarks share: studies with their results, contenders that take turns, and the machine."""

@@ -9,7 +9,7 @@ import mkdocs_gen_files
 import yaml
 
 sys.path.insert(0, "benchmarks")
-from harness.tables import table
+from harness.tables import table, tables_of
 
 HERE = Path("docs/generate")
 HAZARDS = {
@@ -22,33 +22,13 @@ HAZARDS = {
 }
 
 
-def read(name):
-    """Return the results of a benchmark."""
-    return json.loads(Path("benchmarks", f"{name}.json").read_text(encoding="utf-8"))
-
-
-def rows_at(found, steps):
-    """Yield the rows that a path leads to; the keys at ``*NAME`` become a cell of each row under them."""
-    if not steps:
-        yield from found if isinstance(found, list) else [found]
-        return
-    step, *rest = steps
-    if not step.startswith("*"):
-        yield from rows_at(found[step], rest)
-        return
-    for key, value in found.items():
-        for row in rows_at(value if isinstance(value, dict) else {"value": value}, rest):
-            yield {step[1:]: key, **row}
-
-
 def tables():
     """Return the tables in Markdown by name."""
     made = {
         f"hazards_{part}": table(rows, HAZARDS) for part, rows in yaml.safe_load((HERE / "hazards.yaml").read_text()).items()
     }
-    for name, wanted in yaml.safe_load((HERE / "tables.yaml").read_text(encoding="utf-8")).items():
-        file, *steps = wanted["rows"].split("/")
-        made[name] = table(rows_at(read(file), steps), wanted["columns"])
+    for path in Path("benchmarks").glob("*.json"):
+        made |= tables_of(path.stem, json.loads(path.read_text(encoding="utf-8")))
     return made
 
 

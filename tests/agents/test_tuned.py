@@ -1,55 +1,31 @@
-"""Tuned baselines: a stopped search resumes; its file is a policy, or is refused with the reason."""
+"""A baseline of one's own numbers is a file, and a policy; or it is refused with the reason."""
 
 import json
 
 import pytest
 
-from tune_baseline import tune_baseline
 from turtlebot_gym_agents.policies import BearingPolicy, make_policy
-from turtlebot_gym_agents.policies.baselines import load_baseline
-
-ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
-SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
-FIRST = 549_755_813_888  # 2^39: the tries' first seed
-SMALL = {"tries": 4, "episodes": 20}
+from turtlebot_gym_agents.policies.baselines import FORMAT, default_numbers, load_baseline
+from turtlebot_gym_agents.policies.fit import describe_robot
 
 
 @pytest.fixture
 def tuned(tmp_path):
-    """A tuned baseline, as a file and as the content that a test may spoil."""
+    """A baseline's file, whose content a test may spoil."""
     path = tmp_path / "bearing.json"
-    tune_baseline("bearing", path, **SMALL)
+    made = {"format": FORMAT, "policy": "bearing", "robot": describe_robot("burger"), "dt": 0.1}
+    path.write_text(json.dumps({**made, "numbers": default_numbers("bearing")}))
     return path
-
-
-def test_a_stopped_search_resumes_as_if_nothing_had_happened(tmp_path):
-    whole = tune_baseline("bearing", tmp_path / "whole.json", tries=6, episodes=10)
-
-    def stop(ended):
-        if ended == 4:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        tune_baseline("bearing", tmp_path / "parts.json", tries=6, episodes=10, progress=stop)
-    assert len(json.loads((tmp_path / "parts.json").read_text())["tries"]) == 4
-    counts = []
-    assert tune_baseline("bearing", tmp_path / "parts.json", tries=6, episodes=10, progress=counts.append) == whole
-    assert counts == [4, 5, 6]
-    with pytest.raises(ValueError, match="another configuration"):
-        tune_baseline("bearing", tmp_path / "parts.json", tries=6, episodes=10, noise="rough")
 
 
 @pytest.mark.parametrize(
     "content", [b"", b"[]", b"{}", b'{"tries": 3}', b"\x00", b"\xff\xfe\x00", b"null", b"{", b'{"format": 1}']
 )
-def test_a_file_that_is_not_a_tuned_baseline_is_refused_and_not_changed(content, tmp_path):
+def test_a_file_that_is_not_a_baseline_is_refused(content, tmp_path):
     path = tmp_path / "odd.json"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"odd\.json is not a baseline"):
         make_policy(str(path))
-    with pytest.raises(ValueError, match="is not a tuned baseline: choose another file"):
-        tune_baseline("bearing", path, **SMALL)
-    assert path.read_bytes() == content
 
 
 def test_a_tuned_baseline_is_refused_for_another_robot_or_rate(tuned):

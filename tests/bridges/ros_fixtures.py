@@ -168,8 +168,8 @@ def script(name):
 
 @pytest.fixture(scope="session")
 def compare():
-    """The benchmark's comparison of the live graph with the environment, as a module."""
-    return script("benchmarks/lockstep_drives")
+    """The comparison of the live graph with the environment, as a module."""
+    return script("tests/bridges/lockstep")
 
 
 @pytest.fixture(scope="session")

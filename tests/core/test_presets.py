@@ -37,7 +37,7 @@ def alphas(process):
 
 
 def test_the_recorded_preset_has_the_numbers_of_the_recordings():
-    """Those that `benchmarks/recorded.py` found, to two digits."""
+    """Those of the fit in `benchmarks/recorded.json`, to two digits."""
     found = json.loads((Path(__file__).parents[2] / "benchmarks/recorded.json").read_text())
     process, odometry = NOISES["recorded"].process, NOISES["recorded"].odometry
     for name, fits in found["parameters"].items():

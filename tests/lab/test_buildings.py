@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-from building import chart, load
+from buildings import chart, load
 from turtlebot_gym.drive import heading_error, position_error
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.localizer import LOST

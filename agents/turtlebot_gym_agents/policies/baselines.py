@@ -48,7 +48,7 @@ def default_numbers(name: str) -> dict[str, float]:
 
 
 def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: float | None = None) -> Policy:
-    """Load a baseline from a file: of one's own, or one that `benchmarks/tune_baseline.py` wrote.
+    """Load a baseline from a file of tuned numbers.
 
     Args:
         path: The file.

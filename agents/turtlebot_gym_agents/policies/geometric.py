@@ -1,7 +1,6 @@
 """Policies without learning: the tutorial's law, and the geometric ones with which every learned policy is compared.
 
-The second range of a number is the one from which `benchmarks/tune_baseline.py` draws it. They need only numpy, so that a
-robot can run them.
+The second range of a number is the one in which it was tuned. They need only numpy, so that a robot can run them.
 """
 
 from __future__ import annotations
@@ -85,7 +84,7 @@ class BearingPolicy(Baseline):
     *will* lie in the body frame. With the current bearing instead, the direction would alternate every step at bearings near 90
     degrees. A robot that must not reverse drives forwards only.
 
-    The defaults suit the task Nav under most noises; `benchmarks/tune_baseline.py` finds others for another scenario.
+    The defaults suit the task Nav under most noises.
     """
 
     gain: Annotated[float, POSITIVE, Range(0.3, 20.0, log=True)] = 6.0

@@ -1,7 +1,7 @@
 """A reactive policy that crosses a room by the current observation only, with which every learned policy is compared.
 
-It drives forwards only, uses the inputs of `sight.look`, and can be tuned by `benchmarks/tune_baseline.py`. Its defaults are
-the best of 30 tries in the world "dense", with the LiDAR "lds01" and the noise "tutorial".
+It drives forwards only, and uses the inputs of `sight.look`. Its defaults are the best of 30 tries in the world "dense", with
+the LiDAR "lds01" and the noise "tutorial".
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ def test_a_summary_counts_what_is_held_and_leaves_out_what_is_certain():
     row = summary(drives)
     assert (row["drives"], row["all"]) == (4, 0.75)
     assert [*row["parameters"]] == ["scale"]
-    assert row["parameters"]["scale"]["coverage"] == 0.75
+    assert row["parameters"]["scale"] == 0.75
 
 
 @pytest.mark.parametrize("integrator", ["euler", "midpoint"])

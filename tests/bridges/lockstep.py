@@ -1,8 +1,9 @@
-"""Run the same drive in the environment and in the live graph, and compare the two."""
+"""The same drive in the environment and in the live graph in lock-step, and how far the two are apart."""
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -18,8 +19,6 @@ DT = 0.1
 """Control interval, s."""
 COLUMNS = ("time", "true_state", "odometry", "estimate", "covariance", "reference", "command")
 """What both know of a drive."""
-ROOM_STEPS = 600
-"""Length of an episode in a room."""
 
 
 class RoomDrive(NamedTuple):
@@ -55,38 +54,18 @@ class SquareDrive(NamedTuple):
 
 def episode(drive: SquareDrive, steps: int, *, number: int = 0) -> Drive:
     """Return the environment's drive, with arrival by belief as in the generator; ``number`` counts the seed's episodes."""
-    env = gym.make(
-        "turtlebot_gym/TurtleBotSquare-v0",
-        max_episode_steps=10**9,
-        arrival="belief",
-        noise=drive.noise,
-        filter=drive.filter,
-        fix=None if drive.fix == "none" else drive.fix,
-        robot=drive.robot,
-        switch=drive.switch,
-        laps=drive.laps,
-    )
-    policy = make_policy(drive.policy, robot=drive.robot, noise=drive.noise)
-    observation, info = env.reset(seed=drive.seed)
-    for _ in range(number):
-        observation, info = env.reset()
-    infos = [info]
-    for _ in range(steps):
-        observation, _, terminated, _, info = env.step(policy(observation))
-        assert not terminated
-        infos.append(info)
-    env.close()
-    return Drive.stack(infos, time=DT * np.arange(len(infos)))
+    options = drive._asdict() | {"laps": drive.laps, "fix": None if drive.fix == "none" else drive.fix}
+    policy, seed = make_policy(options.pop("policy"), robot=drive.robot, noise=drive.noise), options.pop("seed")
+    env = gym.make("turtlebot_gym/TurtleBotSquare-v0", max_episode_steps=10**9, arrival="belief", **options)
+    return Drive.stack([*_driven(env, policy, seed, steps, number)], time=DT * np.arange(steps + 1))
 
 
 def live(drive: SquareDrive, steps: int, **options: Any) -> Drive:
     """Return the graph's drive over a number of steps; the options are those of `Graph`."""
-    with Graph(**drive._asdict(), laps=drive.laps, goal_tolerance=0.0, **options) as graph:
-        graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 4.0 * steps * DT))
-        return first(graph.trajectory(), steps)
+    return _live(drive._asdict() | {"laps": drive.laps}, steps, **options)
 
 
-def room_episode(given: RoomDrive, steps: int = ROOM_STEPS) -> Drive:
+def room_episode(given: RoomDrive, steps: int = 600) -> Drive:
     """Return the environment's episode, from its start to its end, after a number of steps at the latest."""
     options = given._asdict()
     policy, seed = make_policy(options.pop("policy"), noise=given.noise), options.pop("seed")
@@ -94,13 +73,7 @@ def room_episode(given: RoomDrive, steps: int = ROOM_STEPS) -> Drive:
         policy.reset(np.ones((), np.bool_))
     name = "Rooms" if given.goals is None else "Missions"
     env = gym.make(f"turtlebot_gym/TurtleBot{name}-v0", max_episode_steps=steps, **options)
-    observation, info = env.reset(seed=seed)
-    infos, ended = [info], False
-    while not ended:
-        observation, _, terminated, truncated, info = env.step(policy(observation))
-        infos.append(info)
-        ended = terminated or truncated
-    env.close()
+    infos = [*_driven(env, policy, seed, steps)]
     drive = Drive.stack(infos, time=DT * np.arange(len(infos)))
     return replace(drive, clearance=drive.clearance.astype(np.float32))  # as its message carries it
 
@@ -108,15 +81,29 @@ def room_episode(given: RoomDrive, steps: int = ROOM_STEPS) -> Drive:
 def room_live(drive: RoomDrive, steps: int, **options: Any) -> Drive:
     """Return the graph's drive over a number of steps; the options are those of `Graph`."""
     given = {name: value for name, value in drive._asdict().items() if value is not None and name != "observation"}
-    given |= {} if drive.start is None else {"start": {"known": "odometry"}.get(drive.start, drive.start)}
+    if drive.start == "known":
+        given["start"] = "odometry"
+    return _live(given, steps, **options)
+
+
+def _driven(env: gym.Env[Any, Any], policy: Any, seed: int, steps: int, number: int = 0) -> Iterator[dict[str, Any]]:
+    """Yield the infos of an episode until it ends, or for a number of steps."""
+    observation, info = env.reset(seed=seed)
+    for _ in range(number):
+        observation, info = env.reset()
+    yield info
+    for _ in range(steps):
+        observation, _, terminated, truncated, info = env.step(policy(observation))
+        yield info
+        if terminated or truncated:
+            break
+    env.close()
+
+
+def _live(given: dict[str, Any], steps: int, **options: Any) -> Drive:
     with Graph(**given, goal_tolerance=0.0, **options) as graph:
         graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 10.0 * steps * DT))
         return first(graph.trajectory(), steps)
-
-
-def room_differences(one: Drive, other: Drive) -> dict[str, float]:
-    """Return the largest difference in each part of two episodes in a room."""
-    return differences(one, other) | {"clearance": float(np.abs(one.clearance - other.clearance).max())}
 
 
 def first(trajectory: Drive, steps: int) -> Drive:
@@ -129,8 +116,12 @@ def differences(one: Drive, other: Drive) -> dict[str, float]:
     return {name: float(np.abs(getattr(one, name) - getattr(other, name)).max()) for name in COLUMNS}
 
 
+def room_differences(one: Drive, other: Drive) -> dict[str, float]:
+    """Return the largest difference in each part of two episodes in a room."""
+    return differences(one, other) | {"clearance": float(np.abs(one.clearance - other.clearance).max())}
+
+
 def digest(trajectory: Drive) -> str:
     """Return a fingerprint of all bytes of a drive."""
-    return hashlib.sha256(b"".join(np.ascontiguousarray(getattr(trajectory, name)).tobytes() for name in COLUMNS)).hexdigest()[
-        :16
-    ]
+    parts = [np.ascontiguousarray(getattr(trajectory, name)).tobytes() for name in COLUMNS]
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
