@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from turtlebot_gym.config import did_you_mean, refusal, short_repr
+from turtlebot_gym.config import choose, refusal
 from turtlebot_gym.files import load_object
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.observations.known import OBSERVED, TERMS
@@ -58,11 +58,17 @@ def read_terms(items: Sequence[str], own: Sequence[ObservationTerm]) -> tuple[Ob
     Raises:
         ValueError: If there is no such term, or one is named twice.
     """
+    known = TERMS | {term.name: term for term in own}
     terms: dict[str, ObservationTerm] = {}
     for item in items:
         match = _HISTORY.fullmatch(item)
         name, length, every = match.groups() if match else (item, None, None)
-        found = list(own) if name in OBSERVED and not match else [_term(name, own)]
+        if name in OBSERVED and not match:
+            found = own
+        elif ":" in name:
+            found = (own_term(name),)
+        else:
+            found = (choose("a term of observation (MODULE:NAME for your own)", name, known),)
         for term in found:
             if (before := terms.get(term.name)) and not (match and before == term):
                 raise ValueError(f"observation has the term {term.name!r} twice: leave out one of them.")
@@ -70,19 +76,6 @@ def read_terms(items: Sequence[str], own: Sequence[ObservationTerm]) -> tuple[Ob
     if all(term.in_scene for term in terms.values()):
         raise ValueError(f"observation must have a term beside {', '.join(map(repr, terms))}, such as 'goal'.")
     return tuple(terms.values())
-
-
-def _term(name: str, own: Sequence[ObservationTerm]) -> ObservationTerm:
-    """Return a term of a system, of the package, or of one's own."""
-    known = TERMS | {term.name: term for term in own}
-    if ":" in name:
-        return own_term(name)
-    if name not in known:
-        raise ValueError(
-            f"observation has no term {short_repr(name)}: there are {', '.join((*OBSERVED, *known))}, and MODULE:NAME "
-            f"of your own.{did_you_mean(name, (*OBSERVED, *known))}"
-        )
-    return known[name]
 
 
 def own_term(source: str) -> ObservationTerm:

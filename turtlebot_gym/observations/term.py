@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from turtlebot_gym.config import POSITIVE, as_int, refusal, short_repr
+from turtlebot_gym.config import POSITIVE, as_int, refusal
 from turtlebot_gym.files import source_of
 
 MOST = 100
@@ -19,21 +18,6 @@ MOST = 100
 
 SOURCE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", re.ASCII)
 """What the source of a term is: "module:name"."""
-
-
-def _bounds(name: str, bound: Any) -> tuple[float, ...]:
-    """Return the bounds of a term's numbers.
-
-    Raises:
-        ValueError: If they are not from 1 to `MOST` numbers.
-    """
-    given = bound if isinstance(bound, (list, tuple, np.ndarray)) else (bound,)
-    try:
-        if 1 <= len(given) <= MOST:
-            return tuple(float(number) for number in given)
-    except (TypeError, ValueError, OverflowError):
-        pass
-    raise refusal(f"a bound of the term {name!r}", f"a number, or up to {MOST} numbers", bound)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,20 +60,21 @@ class ObservationTerm:
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name.isidentifier()):
             raise refusal("ObservationTerm.name", "a name, such as 'bumper'", self.name)
-        low, high = (_bounds(self.name, bound) for bound in (self.low, self.high))
-        if len(low) != len(high) or not all(-math.inf < a < b < math.inf for a, b in zip(low, high, strict=True)):
-            raise ValueError(
-                f"ObservationTerm {self.name!r}: low must be below high, both finite, "
-                f"got {short_repr(low)} and {short_repr(high)}."
-            )
+        try:
+            low, high = (np.atleast_1d(np.asarray(bound, np.float64)) for bound in (self.low, self.high))
+        except (TypeError, ValueError):
+            low = high = np.empty(0)
+        is_valid = low.ndim == 1 and low.shape == high.shape and 1 <= low.size <= MOST
+        if not is_valid or not (np.isfinite([low, high]).all() and (low < high).all()):
+            rule = f"up to {MOST} finite numbers, each below that of high"
+            raise refusal(f"ObservationTerm {self.name!r}: low", rule, (self.low, self.high))
         if bool(self.topic) != bool(self.message and self.convert):
             raise ValueError(f"ObservationTerm {self.name!r}: topic, message and convert belong together.")
         POSITIVE.check(f"ObservationTerm {self.name!r}: lasts", self.lasts)
         for name in ("length", "every"):
             as_int(f"ObservationTerm {self.name!r}: {name}", getattr(self, name), 1, MOST)
-        object.__setattr__(self, "low", low)
-        object.__setattr__(self, "high", high)
-
+        object.__setattr__(self, "low", tuple(low.tolist()))
+        object.__setattr__(self, "high", tuple(high.tolist()))
         if self.source and not SOURCE.fullmatch(self.source):
             raise refusal(f"the source of the term {self.name!r}", "MODULE:NAME", self.source)
 
