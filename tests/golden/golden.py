@@ -13,8 +13,6 @@ import hashlib
 import itertools
 import json
 import random
-import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -39,6 +37,11 @@ FIXES = ("beacons", "late", "localization", "markers", "motion-capture")
 WORLDS = ("clutter", "dense", "corridor", "office", "cellular", "crowd")
 LIDARS = ("lds01", "lds02", "a1", "ideal")
 OPEN = ("Nav", "Pose", "Square")
+OTHERS = (
+    *(("robot", robot) for robot in ("waffle", "turtlebot4", "tutorial")),
+    *(("integrator", "midpoint"), ("delay", 3), ("observation", "odometry"), ("observation", "truth")),
+    *(("arrival", "belief"), ("dt", 0.05)),
+)
 COMPILED = ("matched", "tutorial")
 """Filters whose combinations with fixes and rooms run compiled too; systems for the other one would take minutes."""
 
@@ -60,20 +63,7 @@ def combinations() -> Iterator[dict[str, Any]]:
             yield {"id": "Rooms", "world": world, "lidar": lidar, "noise": noise, "filter": filter, "fix": fix}
     for world in WORLDS:
         yield {"id": "Rooms", "world": world, "lidar": "ideal", "noise": "wheel", "filter": "matched"}
-    for id, (name, value) in itertools.product(
-        OPEN,
-        [
-            ("robot", "waffle"),
-            ("robot", "turtlebot4"),
-            ("robot", "tutorial"),
-            ("integrator", "midpoint"),
-            ("delay", 3),
-            ("observation", "odometry"),
-            ("observation", "truth"),
-            ("arrival", "belief"),
-            ("dt", 0.05),
-        ],
-    ):
+    for id, (name, value) in itertools.product(OPEN, OTHERS):
         yield {"id": id, "filter": "matched", "noise": "documented", name: value}
     yield {"id": "Square", "filter": "matched", "noise": "documented", "switch": "time"}
     yield {"id": "Square", "filter": "matched", "noise": "documented", "laps": 2}
@@ -96,9 +86,6 @@ def actions() -> np.ndarray:
     return np.stack([0.6 + 0.3 * np.sin(0.7 * steps + rows), np.sin(0.45 * steps - rows)], axis=-1).astype(np.float32)
 
 
-Row = list[np.ndarray]
-
-
 def arguments_of(chosen: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     """Return an id and its keyword arguments."""
     return f"turtlebot_gym/TurtleBot{chosen['id']}-v0", {key: value for key, value in chosen.items() if key != "id"}
@@ -111,43 +98,42 @@ def numbers(observation: Any, reward: float, ended: bool, state: dict[str, Any])
     return np.concatenate([*parts, *(np.asarray(state[key], np.float64).reshape(-1) for key in keys)])
 
 
-def by_scalar(chosen: dict[str, Any]) -> list[Row]:
+def by_scalar(chosen: dict[str, Any]) -> list[list[np.ndarray]]:
     """Drive the scalar environment."""
     id, arguments = arguments_of(chosen)
     rows = []
     for at, seed in enumerate(SEEDS):
         env = gym.make(id, **arguments)
         observation, info = env.reset(seed=seed)
-        row = [numbers(observation, 0.0, False, info)]
+        row, terminated = [numbers(observation, 0.0, False, info)], False
         for action in actions()[:, at]:
-            observation, reward, terminated, _, info = env.step(action)
-            row.append(numbers(observation, float(reward), terminated, info))
-            if terminated:
-                break
+            if not terminated:
+                observation, reward, terminated, _, info = env.step(action)
+                row.append(numbers(observation, float(reward), terminated, info))
         rows.append(row)
-        env.close()
     return rows
 
 
-def by_vector(chosen: dict[str, Any]) -> list[Row]:
+def by_vector(chosen: dict[str, Any]) -> list[list[np.ndarray]]:
     """Drive the vector environment."""
     id, arguments = arguments_of(chosen)
     envs = gym.make_vec(id, num_envs=len(SEEDS), vectorization_mode="vector_entry_point", info="full", **arguments)
-    observations, infos = envs.reset(seed=list(SEEDS))
-    row_of = lambda infos, at: {key: infos[key][at] for key in infos if not key.startswith("_")}  # noqa: E731
-    rows = [[numbers(observations[at], 0.0, False, row_of(infos, at))] for at in range(len(SEEDS))]
-    running = [True] * len(SEEDS)
+    none = np.zeros(len(SEEDS))
+    steps = [(*envs.reset(seed=list(SEEDS)), none, none)]
     for action in actions():
         observations, rewards, terminated, _, infos = envs.step(action)
-        for at in range(len(SEEDS)):
-            if running[at]:
-                rows[at].append(numbers(observations[at], float(rewards[at]), bool(terminated[at]), row_of(infos, at)))
-                running[at] = not terminated[at]
-    envs.close()
+        steps.append((observations, infos, rewards, terminated))
+    rows: list[list[np.ndarray]] = [[] for _ in SEEDS]
+    for at, row in enumerate(rows):
+        for observations, infos, rewards, terminated in steps:
+            info = {key: values[at] for key, values in infos.items() if not key.startswith("_")}
+            row.append(numbers(observations[at], float(rewards[at]), bool(terminated[at]), info))
+            if terminated[at]:
+                break
     return rows
 
 
-def by_plain(chosen: dict[str, Any]) -> list[Row]:
+def by_plain(chosen: dict[str, Any]) -> list[list[np.ndarray]]:
     """Drive the episode of an environment in plain Python, without the environment, which would be compiled."""
     id, arguments = arguments_of(chosen)
     parameters = Options.of(gym.spec(id).kwargs | arguments).setup().parameters
@@ -156,25 +142,22 @@ def by_plain(chosen: dict[str, Any]) -> list[Row]:
         episode = Episode(parameters, SQUARE_WAYPOINTS, seed=seed)
         low, high = np.array(bounds_of(episode.system.terms), np.float32)
 
-        def numbers_of(episode: Episode = episode, low: np.ndarray = low, high: np.ndarray = high) -> np.ndarray:
+        row = []
+        for action in (None, *actions()[:, at].tolist()):
+            if action is not None:
+                episode.act(action)
             world, outcome = episode.world, episode.outcome
-            mean, P = world.estimate.belief
             state = {
                 "true_state": world.body.true_state,
                 "odometry": world.senses.odometry.pose,
-                "estimate": mean,
-                "covariance": matrix(P),
+                "estimate": world.estimate.belief.mean,
+                "covariance": matrix(world.estimate.belief.covariance),
                 "command": world.body.command,
                 "distance": outcome.distance,
             }
             seen = np.clip(np.array(episode.observe(), np.float32), low, high)
-            return numbers(seen, outcome.reward, outcome.terminated, state)
-
-        row = [numbers_of()]
-        for action in actions()[:, at]:
-            episode.act(action.tolist())
-            row.append(numbers_of())
-            if episode.outcome.terminated:
+            row.append(numbers(seen, outcome.reward, outcome.terminated, state))
+            if outcome.terminated:
                 break
         rows.append(row)
     return rows
@@ -202,16 +185,14 @@ def main() -> int:
     if given.sample:
         chosen = random.Random(given.seed).sample(chosen, given.sample)
     known = json.loads(HASHES.read_text()) if HASHES.exists() else {}
-    differing, start = [], time.time()
-    for at, case in enumerate(chosen):
+    differing = []
+    for case in chosen:
         name, digest = name_of(case), hash_of(case, given.mode)
         if given.what == "write":
             known[name] = digest
         elif known[name] != digest:
             differing.append(name)
             print(f"differs: {name}", flush=True)
-        if sys.stderr.isatty():
-            print(f"\r{at + 1} of {len(chosen)}, {time.time() - start:.0f} s", end="", file=sys.stderr, flush=True)
     if given.what == "write":
         HASHES.write_text(json.dumps(known, indent=0) + "\n")
     print(f"{len(chosen)} combinations in mode {given.mode}: {len(differing)} differ")

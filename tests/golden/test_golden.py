@@ -26,11 +26,3 @@ def test_a_rollout_in_plain_python_is_the_one_that_was_stored(chosen):
 @pytest.mark.parametrize("chosen", random.Random(1).sample(OPEN_GROUND, 8), ids=golden.name_of)
 def test_a_compiled_rollout_is_the_one_that_was_stored(chosen, mode):
     assert golden.hash_of(chosen, mode) == KNOWN[golden.name_of(chosen)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("mode", golden.MODES)
-@pytest.mark.parametrize("chosen", CHOSEN, ids=golden.name_of)
-def test_every_rollout_is_the_one_that_was_stored(chosen, mode):
-    if mode in golden.modes_of(chosen):
-        assert golden.hash_of(chosen, mode) == KNOWN[golden.name_of(chosen)]
