@@ -91,12 +91,12 @@ PATIENCE = 30.0
 """Longest wait for a state, s: far above what it takes, so that only a missing state fails."""
 
 
-def wait_for(what, patience=PATIENCE):
+def wait_for(what):
     """Wait until a condition holds, and return its value."""
-    deadline = time.monotonic() + patience
+    deadline = time.monotonic() + PATIENCE
     while not (value := what()):
         if time.monotonic() > deadline:
-            pytest.fail(f"waited {patience} s in vain")
+            pytest.fail(f"waited {PATIENCE} s in vain")
         time.sleep(0.005)
     return value
 
@@ -152,7 +152,7 @@ class Bench:
     """A shell around a mover, whose steady clock the test sets, and a peer that is its world."""
 
     def __init__(self, runner, peer, *, make=Mover, enabled=True, **overrides):
-        self.peer, self.now, self.patience = peer, FakeTime(), PATIENCE
+        self.peer, self.now = peer, FakeTime()
         self.odometry = peer.speak("odom", Odometry)
         self.commands = peer.hear("cmd_vel", TwistStamped)
         self.states = peer.hear("mover/state", String, LATCHED)
@@ -167,7 +167,7 @@ class Bench:
         self.wait_for(lambda: peer.node.count_publishers("cmd_vel"))
 
     def wait_for(self, what):
-        return wait_for(what, self.patience)
+        return wait_for(what)
 
     def send(self, *, dt=0.1, **fields):
         """Send odometry, dt after the last one by its stamp."""

@@ -1,32 +1,25 @@
 """A world around the guard's decisions, and a judge of the commands to the wheels.
 
-The world is a schedule played in true time: senders, buttons, a chain of two nodes between odometry and the guard, a network
-that delays, loses, holds back and repeats, processes that are suspended while messages wait, system clocks that are set. It
-calls the parts of guard and nodes as these do. The judge knows nothing of them: it reads the log
-of what was *truly* sent, pressed and allowed, and what the wheels received, and holds the law with literal numbers.
+The world is a schedule played in true time: senders, buttons, a network that delays, loses and holds back, a guard that is
+suspended while messages wait, a system clock that is set. It calls the guard's parts as its node does. The judge knows nothing
+of them: it reads the log of what was *truly* sent, pressed and allowed, and what the wheels received, and holds the law with
+literal numbers.
 """
 
 import math
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 
 from burger import Parameters
 from guard_judge import EPSILON
 
 from cmd_vel_guard import arbiter, sent
-from turtlebot_gym.values import Command, State
-from turtlebot_gym_ros.node import feed
-from turtlebot_gym_ros.node.block import Input
-from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym.values import Command
 
 TICK = 0.02
 COMMANDS = [(0.1, 0.2), (0.15, 0.0), (-0.1, 0.0), (0.0, 1.0), (9.0, -3.0), (0.0, 0.0), (math.nan, 0.1), (0.0, 1e9)]
 STAMPS = ["none", "set", "simulated", "minute", "old", "behind", "unset"]
 """What the sender's times say: no header, that of a fresh measurement, one of a simulation, measurements of a minute and of
 0.2 s ago; a computer whose clock is 0.2 s behind; no source time at all."""
-LAPTOP = [0.0, 0.775, -0.775, 1.9, 5.0, -2.0, 0.3, 0.09]
-"""What a person's computer is ahead of the robot, s."""
-DELAYS = [0.0, 0.02, 0.3, 0.6, 1.0, 5.0, 30.0]
 JUMPS = [-7200.0, -30.0, -1.0, -0.3, 0.05, 0.3, 1.0, 30.0, 7200.0]
 
 
@@ -45,8 +38,6 @@ class Message:
     """... and of the measurement on which it rests."""
     source: float
     header: float
-    ahead: float
-    """What the sender's clock was ahead when it was sent."""
     number: int = 0
     button: int = -1
     pressed: float = -math.inf
@@ -74,45 +65,6 @@ class Log:
     refused: list = field(default_factory=list)
 
 
-class Relay:
-    """A node of the chain, on the robot or on the laptop: what its input hears goes on with the stamp on which it rests."""
-
-    def __init__(self, world):
-        self.world, self.clock, self.queue, self.held = world, sent.SystemClock(), [], None
-        self.suspended_until = -math.inf
-        self.look()
-        declared = Input(topic="chain", type=State)
-        self.feed = feed.Feed(declared, conversion(State), lock_step=False, clock=self.clock)
-        self.feed.ages = sent.Ages(self.clock)  # equal to its own, so that a planted defect is in both
-
-    def look(self):
-        self.clock.look(system=self.world.system("chain"), steady=self.world.t)
-
-    def arrive(self, stamp, measured, source):
-        """Queue a message, ten at most, and handle what waits."""
-        self.queue = [*self.queue[-9:], (stamp, measured, source)]
-        if self.world.t >= self.suspended_until:
-            self.run()
-
-    def run(self):
-        """Publish the step during which it was suspended, then handle the queue, and yield what goes on."""
-        queue, self.queue = self.queue, []
-        self.look()
-        results, self.held = [self.held] if self.held else [], None
-        for stamp, measured, source in queue:
-            header = SimpleNamespace(stamp=SimpleNamespace(sec=int(stamp), nanosec=round(stamp % 1.0 * 1e9)))
-            times = dict.fromkeys(("source_timestamp", "received_timestamp"), round(source * 1e9))
-            info = {**times, "received_timestamp": round(self.world.system("chain") * 1e9)}
-            try:
-                age = self.feed.age(SimpleNamespace(header=header), info, self.world.t)
-            except ValueError:
-                continue
-            self.feed.accept(None, self.world.t, round(stamp * 1e9), age)
-            results.append((feed.resting_on([self.feed], round(self.world.system("chain") * 1e9)) * 1e-9, measured))
-        for result in results:
-            self.world.relay(self, *result)
-
-
 class World:
     """Plays a schedule: a list of (kind, a, b), where ``a`` is 0 to 7 and ``b`` 0 to 9."""
 
@@ -131,15 +83,8 @@ class World:
         parameters = Parameters(**parameters)
         self.clock = sent.SystemClock()
         self.look()
-        self.laptop, self.drift, self.set_at, self.chain_on_laptop, self.losing = 0.0, 0.0, self.t, False, 0
+        self.losing = 0
         self.ages = {topic: sent.Ages(self.clock) for topic in ("program", "teleop", "button")}
-        self.known, self.least = 0.0, {}
-        """The laptop's lead before it was last set. By topic, when it was first heard since then, or since the estimate of
-        leads began, and its least delay; apart for messages with and without a header."""
-        self.nodes = [Relay(self), Relay(self)]
-        self.moving, self.events, self.last_result = 0.1, 0, None
-        self.later = []
-        """What the network holds, or has still to deliver to the chain: (time, count, node, stamp, measured, source)."""
         self.guard = arbiter.Arbiter(parameters, self.t)
         if not parameters.start_enabled:
             self.log.enabled.append((self.t, False))
@@ -254,56 +199,10 @@ class World:
         self.press(a, b % 4)
         self.drive(0, 4)
 
-    def set_laptop(self, a, b):
-        """Set the laptop's clock, on which the chain may run, and which may drift."""
-        self.known = max(self.lead(), self.known)
-        self.laptop, self.least, self.chain_on_laptop = LAPTOP[a], {}, b > 6
-        self.drift, self.set_at = (0.0, 4.5e-4, -4.5e-4)[b % 3], self.t
-        self.wait(0.03)
-
-    def person(self, a, b):
-        """Let a person at the laptop command at 10 Hz, at last over a slow connection."""
-        for k in range(13 + b):
-            late = DELAYS[a % 7] if k > 12 or (b == 9 and not k) else 0.001
-            self.command("teleop", COMMANDS[1], "set" if a % 2 else "none", late)
-            self.wait(0.1)
-
     def lose(self, a, b):
         """Lose some of the next messages."""
         self.losing = a + 1
         self.drive(1, b)
-
-    def odometry(self, a, b):
-        """Measure at 20 Hz for a while; the network is late."""
-        for _ in range(4 + 2 * b):
-            self.measure(DELAYS[a % 7])
-            self.wait(0.05)
-
-    def stall(self, a, b):
-        """Let the network deliver all at once what was measured while it stood still, and nothing afterwards."""
-        end = (0.3, 0.5, 1.0, 2.0)[a % 4] + 0.05 * b
-        for k in range(30):
-            self.measure(end, since=0.05 * k)
-        self.wait(end + 0.1 * b)
-
-    def hang(self, a, b):
-        """Suspend a node of the chain, in a step or between two, while odometry lives or dies."""
-        self.odometry(0, 1)
-        node = self.nodes[a % 2]
-        node.suspended_until = self.t + (0.2, 0.45, 0.6, 1.0, 1.8, 3.2)[b % 6]
-        if a > 3:
-            node.held = (self.system("robot"), self.t)
-        for _ in range(3 * a):
-            self.measure(0.001)
-            self.wait(0.05)
-        self.wait(max(0.0, node.suspended_until - self.t) + 0.3)
-
-    def repeat(self, a, b):
-        """Send the last commands of the chain again, as a careless relay does."""
-        self.odometry(0, 0)
-        for k in range(4 + 2 * b if self.last_result else 0):
-            self.relay(self.nodes[1], *self.last_result)
-            self.wait(0.1 if k % 2 else 0.02)
 
     def jump(self, a, b):
         """Set the system clock, but not twice between two checks of the guard, which could not detect the time in between."""
@@ -314,19 +213,9 @@ class World:
 
     # How it happens.
 
-    def system(self, where):
-        """Return the system clock of the robot, of a person's computer ("teleop"), or of the chain's."""
-        ahead = self.lead() if where == "teleop" or (where == "chain" and self.chain_on_laptop) else 0.0
-        return self.t + self.offset + ahead
-
-    def lead(self):
-        """Return what the laptop is ahead of the robot, s."""
-        return self.laptop + self.drift * (self.t - self.set_at)
-
     def begin(self):
         """Let the leads be estimated anew."""
-        self.known, self.least = 0.0, {}
-        for ages in (*self.ages.values(), *(node.feed.ages for node in self.nodes)):
+        for ages in self.ages.values():
             ages.begin()
 
     def lost(self):
@@ -335,34 +224,13 @@ class World:
         return self.losing % 2 == 1
 
     def command(self, topic, value, stamp, delay):
-        system, back = self.system(topic), {"minute": 60.0, "old": 0.2}.get(stamp, 0.0)
+        system, back = self.t + self.offset, {"minute": 60.0, "old": 0.2}.get(stamp, 0.0)
         system -= 0.2 if stamp == "behind" else 0.0
         header = {"simulated": self.t - 1200.0}.get(stamp, system - back if stamp in ("set", "minute", "old") else 0.0)
         source = 0.0 if stamp == "unset" else system
         if not self.lost():
-            ahead, value = system - self.system("robot"), Command(*value)
-            message = Message(self.t + delay, topic, value, stamp, self.t, self.t - back, source, header, ahead)
-            self.flying.append(message)
-
-    def measure(self, delay, since=0.0):
-        """Let odometry be measured now, or later, and reach the first node after a delay, or at a time."""
-        made = self.t + since
-        if not self.lost():
-            self.events += 1
-            system = self.offset + made
-            self.later.append((self.t + max(delay, since), self.events, self.nodes[0], system, made, system))
-
-    def relay(self, node, stamp, measured):
-        """Send what a node makes of a measurement: to the next node, or as a command to the guard."""
-        if node is self.nodes[0]:
-            self.events += 1
-            self.later.append((self.t + 0.001, self.events, self.nodes[1], stamp, measured, self.system("chain")))
-        else:
-            self.last_result, self.moving = (stamp, measured), 0.25 - self.moving
-            source = self.system("chain")
-            ahead, value = source - self.system("robot"), Command(self.moving, 0.0)
-            message = Message(self.t + 0.001, "program", value, "set", self.t, measured, source, stamp, ahead)
-            self.flying.append(message)
+            times = self.t, self.t - back, source, header
+            self.flying.append(Message(self.t + delay, topic, Command(*value), stamp, *times))
 
     def speak(self, which, pressed):
         button = self.seen[which]
@@ -377,7 +245,7 @@ class World:
         for prompt in (True, False)[bool(self.in_the_air) :]:
             at = self.t + 0.0002 if prompt else max(self.t, self.radio_until) + 0.0003
             self.came[prompt] = at = max(at, self.came[prompt] + 1e-6)  # one after the other, each at a moment of its own
-            message = Message(at, "button", pressed, "none", self.t, self.t, self.t + self.offset, 0.0, 0.0)
+            message = Message(at, "button", pressed, "none", self.t, self.t, self.t + self.offset, 0.0)
             message.number, message.button, message.prompt = button[0], button[4], prompt
             if button[4] in self.log.spoken:
                 message.pressed = max(message.at, self.suspended_until)
@@ -391,9 +259,7 @@ class World:
             soonest = min(buttons, default=(math.inf, 0))
             message = min(self.flying, key=lambda each: each.at, default=None)
             arrives = math.inf if message is None else message.at
-            chained = min(self.later, default=(math.inf,))
-            wakes = min((node.suspended_until for node in self.nodes if node.queue or node.held), default=math.inf)
-            event = min(end, soonest[0], arrives, chained[0], wakes)
+            event = min(end, soonest[0], arrives)
             while True:  # ticks, which add no events, until the next one; no two things happen at the same moment
                 self.t = max(self.t + 1e-7, min(event, max(self.next_tick, self.suspended_until)))
                 if self.t >= event:
@@ -403,11 +269,6 @@ class World:
                 return
             if soonest[0] <= self.t:
                 self.speak(soonest[1], self.seen[soonest[1]][1])
-            elif wakes <= self.t:
-                next(node for node in self.nodes if node.suspended_until == wakes).run()
-            elif chained[0] <= self.t:
-                self.later.remove(chained)
-                chained[2].arrive(*chained[3:])
             elif arrives <= self.t:
                 self.flying.remove(message)
                 self.arrive(message)
@@ -446,11 +307,7 @@ class World:
         self.waiting.remove(message)
         now, log, seen = self.look(), self.log, self.t
         arrival = message.at + self.offset
-        steps, ages = self.clock.steps, self.ages[message.topic]
-        if ages._steps != steps:
-            self.known = 0.0
-            self.least = {clock: known for clock, known in self.least.items() if clock[0] != message.topic}
-        age = ages.age(steady=now, source=message.source, arrival=arrival, header=message.header)
+        age = self.ages[message.topic].age(steady=now, source=message.source, arrival=arrival, header=message.header)
         if message.topic == "button":
             spoken = log.spoken.setdefault(message.button, [])
             if not spoken or message.made > spoken[-1][1]:
@@ -466,27 +323,11 @@ class World:
             self.guard.hear_emergency(message.value, now, **times, number=message.number, prompt=message.prompt)
         else:
             # A message without its own time may be older than it seems: by its delay, and by a gap too short to be detected.
-            hidden = self.hidden(message)
-            lasts = 0.2 if message.stamp == "unset" else hidden
-            until = min(message.made + 0.4, message.measured + 0.5) + lasts
+            until = min(message.made + 0.4, message.measured + 0.5) + (0.2 if message.stamp == "unset" else 0.0)
             v, omega = message.value
-            log.commands.append((message.made + hidden, until, seen, math.isfinite(v + omega) and (v, omega) != (0.0, 0.0)))
+            log.commands.append((message.made, until, seen, math.isfinite(v + omega) and (v, omega) != (0.0, 0.0)))
             times = {"sent": now - age.sent, "measured": now - age.measured}
             self.guard.hear(message.topic, message.value, now, **times, dated=age.dated)
-
-    def hidden(self, message):
-        """Return the age that the lead of a clock may hide: a delay that no message so far fell below.
-
-        In the first second that is only a delay which makes the lead look as if it had not changed.
-        """
-        clock = message.topic, message.header > 0.0  # as far as the guard can know, headers are by a clock of their own
-        first, least = self.least.get(clock, (self.t, math.inf))
-        least = min(least, self.t - message.measured)
-        self.least[clock] = first, least
-        ahead = max(0.0, message.ahead)
-        if self.t - first < 1.0 and ahead - least > self.known + 0.1 + EPSILON:
-            return 0.0
-        return min(ahead, least) + (5e-4 * 100.0 if ahead else 0.0)
 
     def step(self):
         for message in [waiting for waiting in self.waiting if waiting.topic == "button" and self.t >= self.held_until]:

@@ -1,7 +1,6 @@
 """Real ROS 2 for the tests: contexts and processes that are shut down, and waiting for states."""
 
 import functools
-import hashlib
 import importlib.util
 import os
 import signal
@@ -10,7 +9,6 @@ import sys
 import time
 import warnings
 from importlib import import_module
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -149,14 +147,6 @@ def launch(tmp_path):
             pytest.fail(f"{process.args} did not end at SIGTERM")
 
 
-@pytest.fixture
-def hangs_up():
-    """Let hang-ups count in processes that a test starts, even if this one runs under nohup."""
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    yield
-    signal.signal(signal.SIGHUP, before)
-
-
 def script(name):
     """Return a script of the repository as a module: "benchmarks/faults"."""
     path = Path(__file__).parents[2] / f"{name}.py"
@@ -178,48 +168,6 @@ def busy():
     from harness.machine import busy
 
     return busy
-
-
-@pytest.fixture(scope="session")
-def builder():
-    """The module that builds nav2_msgs and tf2_msgs."""
-    return script("tests/bridges/built_interfaces")
-
-
-@pytest.fixture(scope="session")
-def install(tmp_path_factory, builder, request):
-    """Build interfaces, install them apart, and return the variables by which a process has them; wheels are kept for later."""
-
-    def installed(name, files):
-        cache, key = getattr(request.config, "cache", None), f"interfaces-{hash_of(files, builder)}"
-        kept = cache.mkdir(key) if cache else tmp_path_factory.mktemp(key)
-        wheel = next(kept.glob("*.whl"), None)
-        try:
-            wheel = wheel or builder.build(kept, files)
-        except (ValueError, OSError, subprocess.CalledProcessError) as error:
-            pytest.skip(f"nav2_msgs cannot be built: {error}")
-        folder = tmp_path_factory.mktemp(name)
-        words = ("-m", "pip", "install", "-q", "--no-deps", "--disable-pip-version-check", "--prefix", str(folder), str(wheel))
-        subprocess.run([sys.executable, *words], check=True)
-        (package,) = folder.glob("**/nav2_msgs/__init__.py")
-        paths = {"PYTHONPATH": package.parents[1], "LD_LIBRARY_PATH": folder / "lib"}
-        return {name: os.pathsep.join(filter(None, (str(path), os.environ.get(name)))) for name, path in paths.items()}
-
-    return installed
-
-
-def hash_of(files, builder):
-    """Return what a wheel is kept under: its files, the script, and the release of ROS."""
-    of = f"{sorted(files.items())} {Path(builder.__file__).read_text()} {version('ros-rclpy')}"
-    return hashlib.sha256(of.encode()).hexdigest()[:16]
-
-
-@pytest.fixture(scope="session")
-def interfaces(install, builder):
-    """The environment variables by which a process has nav2_msgs and tf2_msgs."""
-    if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
-        return {}
-    return install("ours", builder.FILES)
 
 
 @pytest.fixture

@@ -162,10 +162,7 @@ ODOMETRY = values.Odometry(Pose(1.0, 2.0, 0.5), Command(0.1, 0.2), True)
 POSITION = Fix(Pose(1.0, 2.0, 0.0), (0.01, 0.02, math.inf), 0.0, True)
 WRITTEN = [
     (Pose(1.0, math.nan, 0.5), "the pose must be finite, got 1, nan, 0.5"),
-    (Pose(math.inf, 0.0, 0.5), "the pose must be finite, got inf"),
-    (State(1.0, 2.0, -math.inf, 0.1, 0.2), "the pose must be finite, got 1, 2, -inf"),
     (State(1.0, 2.0, 0.5, math.nan, 0.2), "the twist must be finite, got nan, 0.2"),
-    (Command(math.inf, 0.25), "the twist must be finite, got inf, 0.25"),
     (Command(0.1, math.nan), "the twist must be finite, got 0.1, nan"),
     (Estimate(BELIEF._replace(covariance=P._replace(xx=math.inf)), 0.0, 0.0), "the covariance must be finite"),
     (Nis(math.nan), "the NIS must be finite, got nan"),
@@ -196,7 +193,6 @@ READ = [
     (Pose(1.0, 2.0, 0.3), "pose.position.x", math.nan, "the pose must be finite, got nan"),
     (Pose(1.0, 2.0, 0.3), "pose.orientation.w", 0.0, "instead of 1"),
     (State(1.0, 2.0, 0.3, 0.1, 0.2), "pose.pose.position.y", math.inf, "the pose must be finite, got 1, inf"),
-    (State(1.0, 2.0, 0.3, 0.1, 0.2), "twist.twist.angular.z", -math.inf, "the twist must be finite, got 0.1, -inf"),
     (Command(0.1, 0.2), "twist.linear.x", math.nan, "the twist must be finite, got nan, 0.2"),
     *(
         (Estimate(BELIEF, 0.0, 0.0), f"{part}.covariance.{at}", -1e-9, "variances must not be negative, got ")
@@ -205,11 +201,8 @@ READ = [
     ),
     (Estimate(BELIEF, 0.0, 0.0), "pose.covariance.0", -1.0, "variances must not be negative, got -1, 0.22, 0.33, 0.44, 0.55"),
     (FIX, "pose.covariance.0", 0.0, "positive variances of x and y, got 0 and 0.02"),
-    (FIX, "pose.covariance.7", -1.0, "positive variances of x and y, got 0.01 and -1"),
-    (FIX, "pose.covariance.7", math.inf, "positive variances of x and y"),
     (FIX, "pose.covariance.0", math.nan, "positive variances of x and y"),
     (FIX, "pose.covariance.35", 0.0, "the heading's variance"),
-    (FIX, "pose.covariance.35", math.nan, "the heading's variance"),
     (POSITION, "pose.pose.position.x", math.nan, "the pose must be finite"),
     (ODOMETRY, "pose.covariance.0", math.nan, "pose.covariance[0] is NaN: it states a variance, 0 if none is known"),
     *((Nis(1.0), "status.0.values.0.value", text, "the nis must be a finite number") for text in ("nan", "inf", "", "much")),

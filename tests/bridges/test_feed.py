@@ -6,16 +6,13 @@ from types import SimpleNamespace
 import pytest
 from bench import odometry
 from geometry_msgs.msg import TwistStamped
-from rclpy.qos import ReliabilityPolicy
 from rclpy.time import Time
 from sensor_msgs.msg import LaserScan, TimeReference
 from std_msgs.msg import Header
 
-from cmd_vel_guard.executor import PolledGroup
 from cmd_vel_guard.sent import Age, SystemClock
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Command, State
-from turtlebot_gym_ros.base.executor import FastGroup, take
 from turtlebot_gym_ros.node.block import Input, Stamped
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.feed import Feed, resting_on
@@ -47,37 +44,6 @@ def make(*, lock_step=False, **options):
     feed, node = unconnected(lock_step=lock_step, **options), FakeNode()
     node.endpoint = feed.connect(node, "hear", "told")
     return feed, node
-
-
-@pytest.mark.parametrize(
-    ("lock_step", "reliable", "policy", "depth"),
-    [
-        (False, True, ReliabilityPolicy.RELIABLE, 10),
-        (False, False, ReliabilityPolicy.BEST_EFFORT, 50),
-        (True, False, ReliabilityPolicy.RELIABLE, 10_000),  # in lock-step no message may be lost
-    ],
-)
-def test_what_is_lost_is_sent_again_where_that_is_asked_for(lock_step, reliable, policy, depth):
-    _, node = make(lock_step=lock_step, reliable=reliable)
-    assert (node.qos.reliability, node.qos.depth) == (policy, depth)
-
-
-@pytest.mark.parametrize(
-    ("lock_step", "group", "wakes", "kind"),
-    [
-        (False, FastGroup, True, FastGroup),
-        (True, FastGroup, True, FastGroup),
-        (True, FastGroup, False, FastGroup),  # in lock-step a step waits for each of its inputs
-        (False, FastGroup, False, PolledGroup),
-        (False, None, True, type(None)),  # by a simulated clock
-    ],
-)
-def test_messages_on_which_steps_depend_do_not_wait_for_others_and_some_wake_nobody(lock_step, group, wakes, kind):
-    node = FakeNode()
-    feed = unconnected(lock_step=lock_step, group=group and group(node), wakes=wakes)
-    feed.connect(node, "hear", "told")
-    assert type(node.group) is kind
-    assert (getattr(feed.poll, "func", None) is take) == (kind is PolledGroup)
 
 
 def test_a_message_in_another_frame_is_refused():

@@ -56,11 +56,3 @@ def test_bringup_prints_the_metrics_and_writes_the_figure(capfd, tmp_path):
     assert written["options"]["speed"] == 20.0
     assert written["metrics"]["duration, s"] >= 5.0
     assert written["metrics"]["waypoints"] == 1
-
-
-@pytest.mark.nightly
-def test_another_mode_and_a_process_that_refuses_its_parameters_are_errors():
-    with pytest.raises(ValueError, match="mode must be one of"):
-        Graph(mode="manual")
-    with pytest.raises(RuntimeError, match="ended with exit code 2"), Graph(processes=True, noise="thunder"):
-        pass

@@ -11,35 +11,8 @@ from guard_world import World
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-KINDS = [
-    "send",
-    "teleop",
-    "drive",
-    "drive",
-    "flood",
-    "silence",
-    "button",
-    "end",
-    "press",
-    "release",
-    "enable",
-    "disable",
-    "suspend",
-    "backlog",
-    "surprise",
-    "jump",
-    "button",
-    "swallow",
-    "set_laptop",
-    "lose",
-    "odometry",
-    "odometry",
-    "stall",
-    "hang",
-    "hang",
-    "repeat",
-    "person",
-]
+COMMANDS = ["send", "teleop", "drive", "drive", "flood", "silence", "enable", "disable", "lose", "backlog"]
+KINDS = [*COMMANDS, "button", "button", "end", "press", "release", "suspend", "surprise", "jump", "swallow"]
 BUTTONS = ["drive", "button", "end", "press", "release", "enable", "suspend", "surprise", "swallow", "radio", "radio"]
 """What happens to buttons, which hardly any schedule of all kinds has at the right moments."""
 

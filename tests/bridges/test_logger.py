@@ -123,38 +123,3 @@ def test_a_kill_loses_at_most_the_last_second(start, peer, matched, wait_for, tm
     assert held == [message for _, message in sent[: len(held)]]
     # The commit comes each second, 0.5 s late on a very busy machine.
     assert len(held) >= sum(moment < killed - 1.5 for moment, _ in sent) > 50
-
-
-def test_publishers_of_other_qualities_of_service_lose_and_double_nothing(
-    start, peer, listener, matched, wait_for, tmp_path, read_bag
-):
-    process = start()
-    steady = peer.speak("text", String, DEEP)
-    matched(steady)
-    sent = []
-
-    def speak():
-        steady.publish(text(len(sent)))
-        sent.append(str(len(sent)))
-
-    timer = peer.node.create_timer(0.001, speak)
-    unreliable, latched = listener.speak("text", String, BEST_EFFORT), listener.speak("text", String, LATCHED)
-    latched.publish(String(data="said before anybody listened"))
-    matched(unreliable)
-    matched(latched, listeners=3)  # the one for each of the three hears it
-    assert latched.wait_for_all_acked()  # it holds one message only
-    unreliable.publish(String(data="unreliable"))
-    latched.publish(String(data="latched"))
-    count = len(sent)
-    wait_for(lambda: len(sent) > count + 1500)  # longer than the logger looks for publishers
-    timer.cancel()
-    assert steady.wait_for_all_acked()
-    assert latched.wait_for_all_acked()
-    end(process)
-    held = [message.data for message in read_bag(tmp_path / "run")["/text"]]
-    assert [data for data in held if data.isdigit()] == sent
-    assert {data: held.count(data) for data in held if not data.isdigit()} == {
-        "said before anybody listened": 1,
-        "unreliable": 1,
-        "latched": 1,
-    }

@@ -5,16 +5,11 @@ import math
 import numpy as np
 import pytest
 from bench import over_the_wire
-from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
-from std_srvs.srv import Trigger
 
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.values import Pose
-from turtlebot_gym_ros import Shell
-from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.node.convert import conversion
 
 WAY = conversion(GridMap)
@@ -26,7 +21,6 @@ HALL[48:52, 12:19] = 0
 HALL[30:36, 62:] = 205
 """Pixels of a hall of 8 m by 6 m, the first row the highest; no mirror image of it is the same."""
 ORIGIN = (-2.0, -4.0, 0.7)
-VALUES = {0: 100, 254: 0, 205: -1}
 
 
 @pytest.fixture
@@ -81,16 +75,6 @@ def test_what_cannot_be_a_map_is_refused(change, said):
         WAY.read(over_the_wire(message))
 
 
-def wrong_cells(message):
-    """Return how many of the picture's pixels the message shows in other cells than where the map's file puts them."""
-    x, y, yaw = ORIGIN
-    wrong = 0
-    for down, along in np.ndindex(HALL.shape):
-        place = complex(x, y) + complex(along + 0.5, len(HALL) - down - 0.5) * 0.1 * np.exp(1j * yaw)
-        wrong += value_at(message, place.real, place.imag) != VALUES[HALL[down, along]]
-    return wrong
-
-
 def misses(message, scan, truth):
     """Return how many beams end elsewhere than at the first occupied cell on their way."""
     pose = truth.pose.pose
@@ -104,26 +88,6 @@ def misses(message, scan, truth):
             end = at + towards * (length + 1e-3)
             wrong += value_at(message, end.real, end.imag) not in (100, None)
     return wrong
-
-
-def test_the_simulators_map_is_said_once_and_is_what_its_lidar_sees(runner, peer, wait_for, hall):
-    overrides = {"world": str(hall), "lidar": "ideal", "lock_step": True, "speed": 0.0}
-    runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides))
-    maps, truths, scans = peer.hear("map", OccupancyGrid, LATE), peer.hear("true_state", Odometry), peer.hear("scan", LaserScan)
-    wait_for(lambda: maps and scans and len(truths) > 5)  # nobody answers: the first step is said again and again
-    peer.ask("turtlebot_simulator/reset", Trigger, Trigger.Request())
-    wait_for(lambda: truths[-1].header.stamp.sec > 50)  # the next episode
-    late = peer.hear("map", OccupancyGrid, LATE)
-    wait_for(lambda: late)
-    assert len(maps) == len(late) == 1
-    (message,) = maps
-    assert message == late[0]
-    assert message.header.frame_id == "odom"
-    assert wrong_cells(message) == 0
-    assert misses(message, scans[0], truths[0]) == 0
-    mirrored = OccupancyGrid(info=message.info, data=np.array(message.data).reshape(60, 80)[::-1].ravel().tolist())
-    assert wrong_cells(mirrored) > 100  # both would notice rows in the wrong order
-    assert misses(mirrored, scans[0], truths[0]) > 0
 
 
 def test_the_localizer_in_the_graph_is_the_environments(compare, hall):

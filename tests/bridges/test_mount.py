@@ -94,12 +94,6 @@ def test_a_mount_that_is_the_presets_changes_nothing(mount):
         assert mount != PRESET or driven == expected[0]
 
 
-def test_the_presets_frame_may_have_the_prefix_of_a_robot():
-    arbiter = Arbiter(Parameters(collision_monitor=True), T, lambda frame: PRESET if frame == "robot1/base_scan" else None)
-    arbiter.hear_scan(RawScan(ranges(PRESET, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "robot1/base_scan"), T)
-    assert (arbiter.monitor.trouble(T), arbiter.monitor.remark) == ("", "")
-
-
 def test_another_mount_than_the_presets_is_reported_and_one_that_a_person_gave_is_not_overruled():
     *_, monitor = commands(OTHER, stated(OTHER), 0.0)
     where = "'base_scan' is at x 0.050 m, y -0.040 m, turned by 2.000 rad"

@@ -10,11 +10,10 @@ from dataclasses import replace
 import pytest
 from burger import Parameters
 from drive_samples import recorded
-from driven import BURGER, DT, KINDS, NOISES, Driver, Kind, alarm
+from driven import BURGER, DT, KINDS, NOISES, Kind, alarm
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from cmd_vel_guard import moved
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.moved import BLOCKED, DEAD, EXTRA, REVERSED, Moved
 from turtlebot_gym.values import STOP, Command, Pose
@@ -141,25 +140,13 @@ def test_no_healthy_robot_is_stopped():
     assert first_alarms(25.0, seed=7) == {}
 
 
-@pytest.mark.parametrize(
-    ("constants", "kind", "noise"),
-    [
-        ({"STILL": 0.4}, "start delay", "clean"),
-        ({"NET": 0.01}, "start delay", "clean"),
-        ({"TOLD": (0.002, 0.002)}, "at once", "clean"),
-        ({"CHANGE": (0.1, 0.1, 0.5, 0.1, 1.0)}, "slow", "clean"),
-        ({"SETTLED": 0.3, "CHANGES": 1.0, "LASTING": 0.1}, "late", "clean"),
-        ({"SHARE": 0.9, "LASTING": 0.1}, "slip", "clean"),
-        ({"SWERVE": 0.0, "CHANGES": 1.0, "LASTING": 0.1, "SETTLED": 0.3}, "slip", "wheel"),
-        ({"LATEST": 0.05, "SLOWEST": 10.0}, "slower", "clean"),
-        ({"SLACK": (0.0, 0.0)}, "pushed", "wheel"),
-        ({"UNTOLD": (0.03, 1.0)}, "pushed", "clean"),
-    ],
-)
-def test_a_threshold_that_is_too_tight_gives_false_alarms(monkeypatch, constants, kind, noise):
-    for constant, value in constants.items():
-        monkeypatch.setattr(moved, constant, value)
-    assert first_alarms(400.0, seed=7, noises=[noise], kinds=[kind])
+CLOSE = {"start delay": "clean", "slow": "clean", "late": "clean", "slip": "wheel", "pushed": "wheel"}
+"""Robots that are near to a threshold, and with which noise."""
+
+
+@pytest.mark.parametrize("kind", CLOSE)
+def test_no_robot_that_is_near_to_a_threshold_is_stopped_for_long(kind):
+    assert first_alarms(600.0, seed=7, noises=[CLOSE[kind]], kinds=[kind]) == {}
 
 
 @pytest.mark.parametrize("far", [0.1, 0.5, 3.0])
@@ -186,20 +173,6 @@ def test_what_is_no_number_or_comes_again_is_no_sign_of_life():
         assert judge.hear(pose, twist, at) == ""
         assert not judge.lacks(11.0)
         assert judge.lacks(11.01)
-
-
-def test_the_sources_of_motion_are_all_covered():
-    """Each style of the driver occurs."""
-    driver = Driver(random.Random(1))
-    assert {driver.style for _ in range(20000) if driver.step()} == {
-        "rest",
-        "cruise",
-        "curve",
-        "spin",
-        "creep",
-        "quick",
-        "weave",
-    }
 
 
 # In the arbiter.

@@ -14,7 +14,6 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-import turtlebot_gym
 from cmd_vel_guard import parameters, standby
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.nodes import BLOCKS, NODES, load
@@ -95,11 +94,6 @@ def test_on_a_robot_only_the_guard_speaks_to_the_wheels():
     assert "cmd_vel" not in speakers
     assert speakers["cmd_vel_in"] == ["velocity_controller"]
     assert "turtlebot_simulator" not in {node.get("name") for node in launch_file.iter("node")}
-
-
-def test_setup_knows_all_nodes_and_the_version():
-    asked = subprocess.run([sys.executable, "setup.py", "--version"], cwd=PACKAGE, capture_output=True, text=True, check=True)
-    assert asked.stdout.strip().splitlines()[-1] == turtlebot_gym.__version__
 
 
 def test_package_depends_on_the_ros_packages_that_it_imports():

@@ -1,7 +1,4 @@
-"""What protects a robot from a node that moves it.
-
-A law is a protection. Beside it stands the sabotage that switches the protection off, which the law must notice.
-"""
+"""What protects a robot from a node that moves it: each law is a protection."""
 
 import math
 import time
@@ -16,25 +13,24 @@ from std_msgs.msg import Bool
 from turtlebot_gym.values import Command
 
 
-def starts_disabled(make_bench, patience):
+def starts_disabled(make_bench):
     bench = make_bench(enabled=None)
-    bench.patience = patience
     bench.wait_for(lambda: bench.send() or (bench.advance(0.01) and bench.shell.inputs.feeds["odometry"]._received > 5))
     assert bench.state == "silent: not enabled"
     assert not bench.commands
     assert not bench.steps
 
 
-def disabled_it_stops(make_bench, patience):
-    bench = driving(make_bench, patience)
+def disabled_it_stops(make_bench):
+    bench = driving(make_bench)
     bench.enable(False)
     for _ in range(5):
         bench.send()
     bench.stops("not enabled")
 
 
-def old_inputs_stop(make_bench, patience):
-    bench = driving(make_bench, patience)
+def old_inputs_stop(make_bench):
+    bench = driving(make_bench)
     bench.now.at += 0.49
     time.sleep(0.1)  # some turns of the watch
     assert bench.state == "active"
@@ -43,8 +39,8 @@ def old_inputs_stop(make_bench, patience):
 
 
 def failing(act, said):
-    def law(make_bench, patience):
-        bench = driving(make_bench, patience)
+    def law(make_bench):
+        bench = driving(make_bench)
         bench.block.act = act
         bench.send()
         bench.wait_for(lambda: bench.state.startswith("stopping: fault"))
@@ -67,8 +63,8 @@ infinity_stops = failing(lambda: {"command": Command(0.1, -math.inf)}, "must be 
 nonsense_stops = failing(lambda: None, "AttributeError")
 
 
-def blocked_steps_stop(make_bench, patience):
-    bench = driving(make_bench, patience)
+def blocked_steps_stop(make_bench):
+    bench = driving(make_bench)
     release = Event()
     steps = bench.steps
 
@@ -92,12 +88,11 @@ def blocked_steps_stop(make_bench, patience):
     assert set(bench.speeds[bench.speeds.index(0.0) :]) == {0.0}
 
 
-def the_emergency_stop_stops(make_bench, patience):
+def the_emergency_stop_stops(make_bench):
     bench = make_bench()
     emergency = bench.peer.speak("emergency_stop", Bool)
     bench.wait_for(emergency.get_subscription_count)
     bench.drive()
-    bench.patience = patience
     emergency.publish(Bool(data=True))
     bench.stops("emergency stop")
     assert bench.enable().message == "the emergency stop is silent"  # pressed 2 s ago, and not heard since
@@ -109,8 +104,8 @@ def the_emergency_stop_stops(make_bench, patience):
 def refused(said, **broken):
     """Return the law that a kind of odometry is refused with a message, and counts as missing."""
 
-    def law(make_bench, patience):
-        bench = driving(make_bench, patience)
+    def law(make_bench):
+        bench = driving(make_bench)
         steps = bench.steps
         bench.send(**broken)
         status = bench.report(said)
@@ -129,8 +124,8 @@ repeated = refused("stamp", dt=0.0)
 out_of_order = refused("stamp", dt=-0.05)
 
 
-def the_end_of_the_node_stops(make_bench, patience):
-    bench = driving(make_bench, patience)
+def the_end_of_the_node_stops(make_bench):
+    bench = driving(make_bench)
     bench.shell.close()
     bench.wait_for(lambda: 0.0 in bench.speeds)
     assert set(bench.speeds[bench.speeds.index(0.0) :]) == {0.0}
@@ -159,8 +154,8 @@ def silence(bench, publisher):
     bench.wait_for(lambda: count() == before - 1)
 
 
-def a_second_source_stops_while_it_is_there(make_bench, patience):
-    bench = driving(make_bench, patience, make=SoleMover)
+def a_second_source_stops_while_it_is_there(make_bench):
+    bench = driving(make_bench, make=SoleMover)
     other = speak_beside(bench)
     for _ in range(5):
         bench.send()
@@ -173,8 +168,8 @@ def a_second_source_stops_while_it_is_there(make_bench, patience):
 def another_source_stops(*, beside):
     """Return the law that a source which takes another's place moves nothing until a person enables, whatever its name."""
 
-    def law(make_bench, patience):
-        bench = driving(make_bench, patience, make=SoleMover)
+    def law(make_bench):
+        bench = driving(make_bench, make=SoleMover)
         right, bench.odometry = bench.odometry, speak_beside(bench) if beside else None
         silence(bench, right)
         bench.odometry = bench.odometry or speak_beside(bench)
@@ -194,10 +189,9 @@ def another_source_stops(*, beside):
 a_source_after_another_stops, a_source_that_outlasts_another_stops = (another_source_stops(beside=beside) for beside in (0, 1))
 
 
-def driving(make_bench, patience, **options):
+def driving(make_bench, **options):
     bench = make_bench(**options)
     bench.drive()
-    bench.patience = patience
     return bench
 
 
@@ -226,4 +220,4 @@ PROTECTIONS = [
 @pytest.mark.sample(6)
 @pytest.mark.parametrize("law", PROTECTIONS)
 def test_protection(make_bench, law):
-    law(make_bench, 30.0)
+    law(make_bench)

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from bench import over_the_wire
-from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
@@ -40,13 +39,6 @@ def test_a_scan_travels_to_the_bit(beams):
         assert back[1:] == scan[1:]
 
 
-def test_a_message_says_what_the_definition_asks_for():
-    message = a_message(4)
-    assert message.angle_max == pytest.approx(1.5 * math.pi)
-    assert (message.header.frame_id, message.scan_time, message.time_increment) == ("base_scan", 0.2, 0.05)
-    assert len(message.intensities) == 0
-
-
 @pytest.mark.parametrize("changes", [{"ranges": []}, {"angle_increment": 0.0}, {"ranges": [math.nan] * 360}])
 def test_what_cannot_be_read_at_all_is_refused_with_one_line(changes):
     """By the rule of the collision monitor, whose tests list what that is."""
@@ -74,8 +66,3 @@ def test_obstacles_travel_as_markers():
     message.markers.pop(0)
     with pytest.raises(ValueError, match="no walls"):
         way.read(message)
-
-
-def test_a_scan_is_a_laser_scan():
-    assert WAY.message is LaserScan
-    assert not WAY.in_world  # it stands in the LiDAR's frame

@@ -76,13 +76,6 @@ def test_the_same_block_is_a_node(example, runner, peer, wait_for, stamped):
 # States.
 
 
-def test_it_goes_on_by_itself_when_the_inputs_come_again(bench):
-    bench.drive()
-    bench.now.at += 0.6
-    bench.wait_for(lambda: bench.state == "stopping: /odom is older than 0.5 s")
-    bench.drive()
-
-
 # Inputs and triggers.
 
 
@@ -171,24 +164,6 @@ def said(peer):
         return next((s.message for r in reversed(reports[-3:]) for s in r.status if s.name == node and s.level == level), "")
 
     return said
-
-
-def test_of_two_odometries_none_counts_until_one_is_gone(runner, peer, another_runner, wait_for, said):
-    peer.runner = another_runner
-    block = load("kalman_filter")
-    runner.add(Shell(block, block.Params, context=runner.context))
-    estimates = peer.hear("estimate", Odometry)
-    wheels = speaker(peer, "odom", Odometry, "wheels")
-    wait_for(lambda: len(estimates) > 3)
-    rival = speaker(peer, "odom", Odometry, "rival")
-    error = partial(said, "/kalman_filter", DiagnosticStatus.ERROR)
-    wait_for(lambda: "/odom: /rival and /wheels publish it: refused until there is one." in error())
-    del estimates[:]
-    wait_for(lambda: "2 nodes publish /odom, where one may" in said("/kalman_filter", DiagnosticStatus.ERROR) or error())
-    assert not estimates
-    rival.close()
-    wait_for(lambda: len(estimates) > 3)
-    assert wheels.node is not None
 
 
 def test_each_input_that_moves_a_robot_has_one_source_but_for_what_persons_and_fixes_say():

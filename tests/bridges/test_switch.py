@@ -115,15 +115,6 @@ def test_disabling_stops_at_once_and_leaves_the_robot_to_others_a_second_later(f
     assert not fakes.switch.safety.enabled
 
 
-def test_buttons_are_told_apart_by_their_numbers_and_all_publishers_count(fakes):
-    fakes.make(enabled=False)
-    fakes.publishers = 2
-    fakes.say(False, 1)
-    assert fakes.ask(True) == (False, "1 of 2 publishers of the emergency stop are not heard")
-    fakes.say(False, 1)
-    assert fakes.ask(True)[0]
-
-
 @pytest.mark.parametrize(("forth", "back", "age"), [(0.0, 30.0, 0.6), (0.05, 0.05, 0.54)])
 def test_a_clock_that_is_set_makes_no_button_younger(fakes, forth, back, age):
     fakes.make()

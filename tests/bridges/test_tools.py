@@ -7,25 +7,9 @@ import pytest
 from std_msgs.msg import Bool
 
 from cmd_vel_guard.session import INTERRUPTED
-from turtlebot_gym_ros import Shell
-from turtlebot_gym_ros.blocks import VelocityController, WaypointGenerator
-from turtlebot_gym_ros.node.switch import BLIND
-from turtlebot_gym_ros.nodes import load
 from turtlebot_gym_ros.tools import asking
 from turtlebot_gym_ros.tools.enable import switches
 from turtlebot_gym_ros.tools.foxglove import Relay
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["topics", "--echo"], "--echo and --once need a topic"),
-        (["button", "emergency stop"], "topic must be names of letters"),
-    ],
-)
-def test_an_argument_that_means_nothing_is_refused(words, said, capsys):
-    assert load(words[0])(words[1:]) == 2
-    assert said in capsys.readouterr().err
 
 
 class Heard:
@@ -80,35 +64,6 @@ def ask(launch, runner):
         return process.returncode, out, error
 
     return run
-
-
-@pytest.fixture
-def graph(runner):
-    """A controller that is disabled and a generator of waypoints."""
-    shells = [
-        Shell(VelocityController, VelocityController.Params, context=runner.context, overrides={"policy": "proportional"}),
-        Shell(WaypointGenerator, WaypointGenerator.Params, context=runner.context),
-    ]
-    for shell in shells:
-        runner.add(shell)
-    return shells
-
-
-@pytest.mark.nightly
-def test_topics_and_services_of_a_live_graph(ask, graph):
-    controller = graph[0]
-    code, out, _ = ask("topics", "cmd_vel")
-    assert code == 0
-    assert "/cmd_vel  [geometry_msgs/msg/TwistStamped]" in out
-    assert "publishes: /velocity_controller  reliable" in out
-    assert not controller.switch.safety.enabled
-    assert ask("enable") == (0, f"/velocity_controller: enabled. {BLIND}\n", "")
-    assert controller.switch.safety.enabled
-    assert ask("enable", "--off")[0] == 0
-    assert not controller.switch.safety.enabled
-    code, _, error = ask("enable", "velocity_controler", "--wait", "3")
-    assert code == 2
-    assert "there is no service /velocity_controler/enable" in error
 
 
 def test_a_button_speaks_until_it_ends(ask, peer):

@@ -75,17 +75,6 @@ def buttons(arbiter, start, duration, pressed=False, number=1):
     return published
 
 
-def test_disabling_is_never_refused():
-    arbiter = new()
-    buttons(arbiter, 0.0, 1.0, pressed=True)
-    assert arbiter.enable(False, T + 1.0) == ""
-    assert not arbiter.enabled
-    assert arbiter.emergency  # and forgets no emergency stop
-    buttons(arbiter, 1.0, 1.0, number=11)
-    assert arbiter.enable(True, T + 2.0) == ""
-    assert buttons(arbiter, 2.0, 0.5, number=21)[-1] == AHEAD
-
-
 def test_outside_the_fence_only_a_person_drives():
     arbiter = new(geofence=2.0)
     assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}  # no pose yet
@@ -166,21 +155,6 @@ def test_a_robot_that_joins_at_the_start_stands_first():
     arbiter.greet(T)
     assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}
     assert drive(arbiter, 1.02, 0.3, AHEAD)[-1] == AHEAD
-
-
-def test_one_that_starts_disabled_says_zeros_at_its_rate_for_a_second_like_any_other():
-    for arbiter in (new(), new(start_enabled=False)):
-        assert arbiter.state == "stopped"
-        assert arbiter.step(T) == STOP
-        assert arbiter.step(T + 0.001) is None
-    arbiter = new()
-    assert drive(arbiter, 0.0, 1.0)[-1] == STOP
-    assert arbiter.step(T + 1.0) is None
-    assert arbiter.state == "silent"
-    arbiter = new(start_enabled=False)
-    assert set(drive(arbiter, 0.0, 2.0, AHEAD)) == {STOP}
-    arbiter.enable(True, T + 2.0)
-    assert drive(arbiter, 2.0, 1.0, AHEAD)[-1] == AHEAD
 
 
 def test_a_turn_starts_gently_too():
@@ -294,29 +268,6 @@ def test_an_undated_message_counts_from_half_a_second_after_a_gap():
         arbiter.hear_emergency(False, T + at, dated=False)
         assert arbiter.refused["undated after a gap"] == (0 if counts else 1)
         assert (arbiter.buttons.trouble(T + at) == "") is counts
-
-
-def test_it_says_what_it_does():
-    arbiter = new()
-    for at, state, act in (
-        (0.0, "stopped", lambda: None),
-        (0.1, "program", lambda: arbiter.hear("program", AHEAD, T + 0.1)),
-        (0.2, "teleop", lambda: arbiter.hear("teleop", AHEAD, T + 0.2)),
-        (1.9, "silent", lambda: drive(arbiter, 0.22, 1.68)),
-        (2.0, "stopped", lambda: arbiter.enable(False, T + 2.0)),
-        (3.1, "disabled", lambda: drive(arbiter, 2.02, 1.08)),
-        (3.2, "emergency", lambda: arbiter.hear_emergency(True, T + 3.2)),
-    ):
-        act()
-        arbiter.step(T + at)
-        assert arbiter.state == state
-
-
-@pytest.mark.parametrize("name", ["max_linear", "max_angular", "wheel_separation", "radius"])
-def test_a_robot_whose_numbers_nobody_states_is_refused(name):
-    remedy = ", unless collision_monitor is false" * (name == "radius")
-    with pytest.raises(ValueError, match=f"^{name} must be a positive number{remedy}, got 0.$"):
-        Parameters(collision_monitor=True, **{name: 0.0})
 
 
 @pytest.mark.parametrize(("sent", "measured"), [(0.35, 0.35), (0.0, 0.45)])

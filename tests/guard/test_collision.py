@@ -143,27 +143,6 @@ def test_from_inside_only_what_comes_nearer_is_contact(depth):
 # What a scan says.
 
 
-def test_points_are_where_the_mount_puts_them_and_grow_with_their_range():
-    body = Footprint(0.1, -0.05, Mount("base_scan", 0.2, -0.1, math.pi / 2.0))
-    expected = [(0.2, 0.9, 0.25), (-1.8, -0.1, 0.35), (0.2, -0.6, 0.2)]
-    seen = seen_by(scan([1.0, 2.0, 0.5, np.inf], range_min=0.0), body)
-    np.testing.assert_allclose(seen, points(*expected), atol=1e-7)
-    turned = scan([1.0, 2.0, 0.5, np.inf], angle_min=0.3, angle_increment=-math.pi / 2.0)
-    x, y, _ = seen_by(turned)
-    np.testing.assert_allclose(np.arctan2(y, x), [0.3, 0.3 - math.pi / 2.0, 0.3 - math.pi], atol=1e-7)
-
-
-def test_points_out_of_reach_are_left_out_by_their_stop_zone():
-    body, far = BODY._replace(center_x=-0.5), scan([1.0] * 4, range_min=0.0)
-    assert seen_by(far, body, reach=0.251)[:2] == pytest.approx(np.array([[-1.0], [0.0]]), abs=1e-6)
-    assert seen_by(far, body, reach=0.249).shape == (3, 0)
-
-
-def test_what_returned_nothing_is_free_and_what_is_too_near_counts():
-    x, y, _ = seen_by(scan([np.inf, 0.0, -np.inf, 3.6, -0.0]))
-    np.testing.assert_allclose(np.hypot(x, y), [0.12], rtol=1e-6)
-
-
 BAD = [
     (scan([], angle_increment=1.0), "the scan has no ranges"),
     (scan([np.nan, -1.0, 0.1] * 4), "none of the scan's 12 beams says anything"),
@@ -275,19 +254,6 @@ def test_unknown_space_is_entered_slowly_and_then_no_more_until_the_robot_has_mo
         monitor.hear(with_gap(60.0, 0.0), sent=now)
         monitor.limit(STOP, now)
     assert monitor.limit(AHEAD, now).v > 0.0
-
-
-def test_a_wide_gap_is_solid_along_both_edges_as_far_as_it_counts():
-    body = BODY._replace(scan=MOUNT._replace(y=0.08))
-    view = view_of(
-        read(with_gap(60.0, 0.0), body, LIMITS), body, LIMITS, reach=2.0, narrow=narrow_gap(body, LIMITS, 0.3), room=0.05
-    )
-    for angle in np.radians([-29.0, 29.0]):  # of the first and of the last missing beam
-        border = collision._edge(np.array([angle]), body, LIMITS, 0.05).item()
-        for depth in np.arange(border, 1.9, 0.005):
-            x, y, radius = collision._points(np.array([angle]), np.array([depth]), body, LIMITS)
-            away = np.hypot(view.unknown[0] - x, view.unknown[1] - y)
-            assert (away + radius <= view.unknown[2] + 1e-9).any(), (angle, depth)
 
 
 # How much of a command passes.
@@ -513,16 +479,6 @@ def test_a_command_that_is_held_is_judged_anew_while_the_robot_comes_nearer(sour
     for k in range(50):
         arbiter.step(T + 13.0 + 0.02 * k)
     assert arbiter.monitor.state == ""
-
-
-def test_the_acceleration_of_a_start_holds_behind_it_and_silence_of_the_scan_stops():
-    arbiter = Arbiter(Parameters(collision_monitor=True, max_acceleration=0.5), T)
-    held = drive(arbiter, Command(0.2, 0.0), 3.0, seen=lambda t: hall() if t < 1.0 else None)
-    speeds = np.array([v for v, _ in held])
-    assert np.diff(speeds).max() <= 0.5 * 0.04 + 1e-9
-    assert speeds[50] == 0.2  # the last scan came at 0.8 s
-    assert set(held[62:]) == {STOP}
-    assert held[59] != STOP
 
 
 def test_the_parameters_are_those_of_the_monitor():

@@ -11,7 +11,6 @@ from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
-from turtlebot_gym_ros.blocks.credible import bounded
 from turtlebot_gym_ros.node.block import Resume, Stamped
 
 COMMAND, AHEAD = Command(0.15, 0.4), Command(0.2, 0.0)
@@ -76,12 +75,6 @@ def test_a_fix_of_long_ago_or_from_the_future_is_left_aside_and_noticed(age, cou
     assert (nodes[0].notice is None) is counts
     nodes[0].reset()
     assert nodes[0].notice is None
-
-
-def test_a_fix_is_heard_only_where_it_is_asked_for():
-    assert set(estimator().inputs) == {"odometry", "command", "initial_pose", "resume"}
-    assert estimator(takes_fixes=True).inputs["fix"].topic == "pose_fix"
-    assert "fix" not in TurtlebotSimulator(TurtlebotSimulator.Params()).outputs
 
 
 def test_messages_that_are_lost_on_their_way_are_predicted_period_by_period():
@@ -151,10 +144,6 @@ def test_a_message_that_contradicts_odometry_is_counted_and_not_used_and_the_thi
         cause = node.step(0.05, message).get("disagreement", cause)
     assert said[-15:] in cause.cause
     assert cause.cause in node.fault
-
-
-def test_no_fix_knows_more_than_a_millimetre():
-    assert (1e-6, 4e-6, math.inf) == bounded(Fix(Pose(0.0, 0.0, 0.0), (0.0, 4e-6, math.inf), 0.0, True)).R
 
 
 FAR = NEXT._replace(pose=Pose(3.0, 0.0, 0.0))
