@@ -79,15 +79,7 @@ def register(
 
 
 def conversion(value_type: type, *, stamped: bool = True) -> Conversion:
-    """Return the conversion of a type of value.
-
-    Args:
-        value_type: Type that blocks take and return.
-        stamped: Whether a `Command` is sent as TwistStamped, as on a Jazzy robot, or as Twist.
-
-    Raises:
-        ValueError: If the type was never registered.
-    """
+    """Return the conversion of a type of value, of a `Command` as TwistStamped or Twist; raise `ValueError` without one."""
     if value_type is Command and not stamped:
         return _UNSTAMPED
     if value_type is Correction and value_type not in CONVERSIONS:
@@ -98,15 +90,7 @@ def conversion(value_type: type, *, stamped: bool = True) -> Conversion:
 
 
 def conversion_of(source: Input, *, stamped: bool = True) -> Conversion:
-    """Return the conversion of an input's values.
-
-    Args:
-        source: The input.
-        stamped: See `conversion`.
-
-    Raises:
-        ValueError: If there is no such type of value or message.
-    """
+    """Return the conversion of an input's values; raise `ValueError` if there is no such type of value or message."""
     if not source.message:
         return conversion(source.type, stamped=stamped)
     assert source.read is not None
@@ -187,26 +171,22 @@ def _command_to_message(command: Command, header: Header) -> Twist:
 
 
 def _nis_of(message: DiagnosticArray) -> Nis:
-    numbers: dict[str, float] = {}
-    for pair in (pair for status in message.status for pair in status.values if pair.key in _NIS):
-        if pair.key in numbers:
-            raise ValueError(f"it must have one value named {pair.key!r}, but has more")
-        try:
-            numbers[pair.key] = float(pair.value)
-        except ValueError:
-            numbers[pair.key] = math.nan
-        if not math.isfinite(numbers[pair.key]):
-            raise ValueError(f"the {pair.key} must be a finite number, got {short_repr(pair.value)}")
-    if _NIS[0] not in numbers:
-        raise ValueError(f"it must have one value named {_NIS[0]!r}, but has none")
+    pairs = [pair for status in message.status for pair in status.values if pair.key in _NIS]
+    texts = {pair.key: pair.value for pair in pairs}
+    if _NIS[0] not in texts or len(texts) < len(pairs):
+        raise ValueError(f"it must have one value named {_NIS[0]!r}, and none twice, got {[pair.key for pair in pairs][:9]}")
+    try:
+        numbers = {name: float(text) for name, text in texts.items()}
+        finite("the NIS", numbers.values())
+    except ValueError as error:
+        raise ValueError(f"the NIS must be finite numbers: {short_repr(str(error))}") from None
     return Nis(*map(numbers.get, _NIS))  # type: ignore[arg-type]
 
 
 def _nis_to_message(nis: Nis, header: Header) -> DiagnosticArray:
-    value = float(nis.value)
     numbers = {name: float(number) for name, number in zip(_NIS, nis, strict=True) if number is not None}
-    finite("the NIS", tuple(numbers.values()))
-    surprising = value > SURPRISING
+    finite("the NIS", numbers.values())
+    surprising = numbers[_NIS[0]] > SURPRISING
     status = DiagnosticStatus(
         level=DiagnosticStatus.WARN if surprising else DiagnosticStatus.OK,
         name="innovation",

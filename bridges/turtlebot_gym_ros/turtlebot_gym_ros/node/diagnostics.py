@@ -38,13 +38,7 @@ class Endpoint(NamedTuple):
 
 
 class Reporter:
-    """Publishes a node's diagnostics, and logs new problems in the graph around it.
-
-    Args:
-        node: The node.
-        endpoints: Its topics.
-        plant: Whether the node simulates a robot, so that no other node should obey the same commands.
-    """
+    """Publishes a node's diagnostics, and logs new problems in the graph around its topics; a plant simulates a robot."""
 
     def __init__(self, node: Node, endpoints: Iterable[Endpoint], *, plant: bool) -> None:
         self._node, self._endpoints, self._plant = node, list(endpoints), plant
@@ -52,13 +46,7 @@ class Reporter:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
 
     def publish(self, problems: Iterable[NodeProblem], summary: str, values: Mapping[str, object]) -> None:
-        """Publish the problems.
-
-        Args:
-            problems: Problems of the node itself; those of the graph, which may be their cause, stand before them.
-            summary: Message without problems.
-            values: Figures by name.
-        """
+        """Publish figures with the problems of the graph, which may be the cause of others, and of the node, or a summary."""
         around = [problem for endpoint in self._endpoints for problem in self._around(endpoint)]
         for problem in set(around) - self._known:
             log(self._node, *problem)
@@ -69,13 +57,14 @@ class Reporter:
         self._publisher.publish(report(self._node, level, text, hardware=name, values=values))
 
     def _around(self, mine: Endpoint) -> Iterable[NodeProblem]:
-        """Yield the problems in the graph around a topic."""
         node, me = self._node, self._node.get_fully_qualified_name()
         publishers = node.get_publishers_info_by_topic(mine.topic)
         listeners = node.get_subscriptions_info_by_topic(mine.topic)
-        for verb, others in (("publishes", publishers), ("subscribes to", listeners)):
-            for other in (other for other in others if other.topic_type != mine.message):
-                yield self._mismatch(mine, f"{node_name(other)} {verb}", other.topic_type)
+        for other in (other for other in (*publishers, *listeners) if other.topic_type != mine.message):
+            text = f"{mine.topic}: {node_name(other)} has {other.topic_type}, this node {mine.message}: they cannot be matched."
+            if mine.message in _VELOCITIES and (stamped := _VELOCITIES.get(other.topic_type)):
+                text += f" Start this one with -p enable_stamped_cmd_vel:={stamped}"
+            yield NodeProblem(ERROR, text)
         names = sorted(map(node_name, publishers))
         if mine.moves and not any(other.topic_type == mine.message for other in listeners):
             yield NodeProblem(WARN, f"{mine.topic}: there is no listener.")
@@ -86,18 +75,7 @@ class Reporter:
             effect = "refused until there is one" if mine.sole else "which of them counts is undefined"
             yield NodeProblem(ERROR if mine.sole else WARN, f"{mine.topic}: {' and '.join(names)} publish it: {effect}.")
         if self._plant and not mine.publishes and mine.message in _VELOCITIES:
-            obey = [node_name(other) for other in listeners]
-            obey.remove(me) if me in obey else None
-            last = me.rpartition("/")[2]
-            if strangers := sorted(name for name in obey if (end := name.rpartition("/")[2]) not in NODES or end == last):
+            ours = {me, *(f"{me.rpartition('/')[0]}/{name}" for name in NODES)}
+            if strangers := sorted({node_name(other) for other in listeners} - ours):
                 text = f"{mine.topic}: {', '.join(strangers)} obeys the same commands as this simulation. Is it a real robot?"
                 yield NodeProblem(WARN, text)
-
-    def _mismatch(self, mine: Endpoint, other: str, kind: str) -> NodeProblem:
-        text = f"{mine.topic}: {other} {kind}, this node uses {mine.message}: they cannot be matched."
-        if mine.message in _VELOCITIES and kind in _VELOCITIES:
-            space = self._node.get_namespace()
-            words = "" if space == "/" else f"-r __ns:={space} "
-            start = f"python -m turtlebot_gym_ros {self._node.get_name()} --ros-args {words}"
-            text += f" Start this one with: {start}-p enable_stamped_cmd_vel:={_VELOCITIES[kind]}"
-        return NodeProblem(ERROR, text)

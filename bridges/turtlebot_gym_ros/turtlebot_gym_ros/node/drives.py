@@ -28,17 +28,10 @@ late would start with a later step."""
 
 
 class Scheduler:
-    """Runs a block.
+    """Runs a block, by the rule of the input whose messages make its steps, or each period, s, of its own."""
 
-    Args:
-        shell: The block's shell.
-        messages: The rule of the input whose messages make steps; None for a block that makes its own.
-        period: Length of a step without such an input, s.
-        limit: Time that a step may take, s; 0 for no limit.
-    """
-
-    def __init__(self, shell: Shell, messages: Messages | None = None, *, period: float = 0.0, limit: float = 0.0) -> None:
-        self._shell, self._messages, self._period, self.limit = shell, messages, period, limit
+    def __init__(self, shell: Shell, messages: Messages | None = None, *, period: float = 0.0) -> None:
+        self._shell, self._messages, self._period = shell, messages, period
 
     def present(self) -> int:
         """Return the current time of the block's clock, ns: the ROS clock."""
@@ -52,11 +45,11 @@ class Scheduler:
         """Handle a new value, and run the block if a step is due."""
 
     def missing(self) -> str | None:
-        """Return what prevents steps, besides missing inputs: messages that are too slow."""
+        """Return what prevents steps, besides missing inputs."""
         return self._messages.slow if self._messages else None
 
     def trouble(self) -> str | None:
-        """Return a problem to report to users: messages that are too slow."""
+        """Return a problem to report to users."""
         return self.missing()
 
     def interval(self, stamp: int) -> float:
@@ -79,7 +72,7 @@ class _ByClock(Scheduler):
     def __init__(self, shell: Shell, trigger: Every) -> None:
         if trigger.speed not in (None, 1.0):
             raise ValueError("speed must be 1, real time, unless lock_step is true.")
-        super().__init__(shell, period=trigger.period, limit=trigger.period)
+        super().__init__(shell, period=trigger.period)
         self._quiet_until, self._grid = -math.inf, StampGrid(trigger)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # the system clock may be set back
         shell.node.create_timer(trigger.period, self._tick, clock=steady, callback_group=shell.group)
@@ -106,7 +99,7 @@ class _ByMessages(Scheduler):
 
     def __init__(self, shell: Shell, trigger: On) -> None:
         self._rule = Messages(trigger)
-        super().__init__(shell, self._rule, limit=trigger.period)
+        super().__init__(shell, self._rule)
         self.pause, self.reset = self._rule.pause, self._rule.reset
 
     def accepts(self, key: str, stamp: int) -> bool:

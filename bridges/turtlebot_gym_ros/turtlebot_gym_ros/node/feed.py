@@ -39,16 +39,9 @@ LOOK_PERIOD = 0.2
 
 
 class Feed:
-    """One input of a node.
+    """One input of a node, whose ages are by this computer's ``clock``; in lock-step stamps count instead.
 
-    Args:
-        declared: The block's declaration.
-        conversion: Conversion of its values.
-        lock_step: Whether stamps are used instead of ages by the steady clock.
-        clock: This computer's clock.
-        group: The callback group of its messages; None for the node's default one.
-        mount: Returns the pose of a frame on the robot, if it is known; raises `ValueError` if it is refused.
-        headers: Whether the headers' stamps are by a system clock, not by a simulated one.
+    ``mount`` returns the pose of a frame on the robot, if it is known. Without ``headers`` stamps are of a simulated clock.
     """
 
     def __init__(
@@ -63,35 +56,31 @@ class Feed:
         mount: Callable[[str], Pose | None] = lambda frame: None,
     ) -> None:
         self.declared = replace(declared, max_age=None) if lock_step else declared
-        self._lock_step, self._headers, self._group = lock_step, headers, group
-        self._mount_of, self._mount = mount, None
+        self._lock_step, self._headers, self._group, self._mount_of = lock_step, headers, group, mount
         self._waits_for_others = not (lock_step or declared.wakes)
+        self.conversion, self.ages = conversion, Ages(clock)
         self.poll: Callable[[], None] = lambda: None
         """Reads the messages of an input that does not wake the node."""
-        self.ages = Ages(clock)
         self.stamp: int | None = None
         """Stamp of the latest value, ns."""
         self.measured_at: int | None = None
         """Stamp of the measurement that the latest value is, or, if it lasts, of the end of this time so far, ns."""
-        self._newest: tuple[int, int | None] | None = None  # a step, and the stamp of the newest value up to it, if any
-        self.conversion = conversion
         self.refusal: str | None = None
         self.cause = ""
         """Cause of the latest `Disagreement`, if the input halts."""
         self.on_refusal: Callable[[str], object] = lambda why: None
         """Called with the reason for which a message is refused."""
+        self._newest: tuple[int, int | None] | None = None  # a step, and the stamp of the newest value up to it, if any
+        self._latest: tuple[Any, float] | None = None  # replaced atomically, since two threads read it
+        self._mount: Pose | None = None
         self._sources: set[bytes] | None = None
         self._replaced, self._looked = "", -math.inf
         self._refused = self._received = 0
-        self._latest: tuple[Any, float] | None = None  # replaced atomically, since two threads read it
 
     def connect(self, node: Node, hear: Any, newest_told: Callable[[], None]) -> Endpoint:
         """Subscribe to its topic, and return it as an endpoint for the diagnostics.
 
-        Args:
-            node: The node.
-            hear: Called with each message and its info, which rclpy supports but its types do not show.
-            newest_told: Called when the step of the newest value becomes known.
+        ``hear`` is called with each message and its info, ``newest_told`` when the step of the newest value becomes known.
         """
         kind, qos = self.conversion.message, STREAM if self.declared.reliable else SENSOR
         if self._lock_step and self.declared.lock_step == "newest":
@@ -124,11 +113,7 @@ class Feed:
         return step if newest == self.stamp else None
 
     def age(self, message: Any, info: Mapping[str, Any], steady: float) -> Age:
-        """Return a message's age at a steady time, s, if ages count.
-
-        Raises:
-            ValueError: If it is too old.
-        """
+        """Return a message's age at a steady time, s, if ages count; raise `ValueError` if it is too old."""
         if (limit := self.declared.max_age) is None:
             return NEW
         age = self.ages.age_of(info, getattr(message, "header", None) if self._headers else None, steady)
@@ -137,12 +122,7 @@ class Feed:
         return age
 
     def read(self, message: Any, frame: str) -> Any:
-        """Return a message's value.
-
-        Raises:
-            ValueError: If the message is refused: not finite, not a rotation, in another frame than ``frame``, or of a sensor
-                that is mounted tilted.
-        """
+        """Return a message's value; raise `ValueError` if it is none, or of another frame than ``frame``."""
         if self.conversion.in_world and message.header.frame_id != frame:
             received = short_repr(message.header.frame_id)
             raise ValueError(f"its frame is {received} instead of {frame!r} (the parameters frame_prefix and frame)")
@@ -151,15 +131,7 @@ class Feed:
         return self.conversion.read(message)
 
     def accept(self, value: Any, now: float, stamp: int, age: Age = NEW, sent: int = 0) -> None:
-        """Store a value as the latest one.
-
-        Args:
-            value: The value.
-            now: Current steady time, s.
-            stamp: Its stamp, ns; 0 if it has none.
-            age: Its age.
-            sent: The time at which it was sent by the node's clock, ns, if it has no stamp.
-        """
+        """Store a value with its stamp, ns, as the latest one; without, 0, ``sent`` is its time by the node's clock, ns."""
         self._latest, self.stamp, self.refusal = (value, now - age.since(self.declared.lasts)), stamp, None
         self.cause = value.cause if self.declared.halts else ""
         self.measured_at = stamp + round(min(self.declared.lasts, age.measured) * SECOND) if stamp else sent
@@ -190,15 +162,12 @@ class Feed:
         return latest is not None and (limit is None or now - latest[1] <= limit)
 
     def rivals(self) -> str:
-        """Return that several nodes publish it where one may, or an empty text."""
+        """Return that several nodes publish it where one may, if so."""
         count = self._subscription.get_publisher_count() if self.declared.sole else 0
         return f"{count} nodes publish {self.topic}, where one may; a killed one counts for 20 s" if count > 1 else ""
 
     def replaced(self, node: Node, now: float) -> str:
-        """Return that another node publishes it than first since `begin`, where one may, or an empty text.
-
-        Names do not tell, since a stranger may have the same one. Lock-step, which moves no robot, has no such rule.
-        """
+        """Return that another node, whatever its name, publishes it than first since `begin`, where one may, if so."""
         if not self.declared.sole or self._lock_step:
             return ""
         if self._subscription.get_publisher_count() != 1:
@@ -235,22 +204,12 @@ class Feed:
 
     def figures(self, now: float) -> dict[str, str]:
         """Return its figures for the diagnostics."""
-        latest = self._latest
-        age = "never" if latest is None else f"{now - latest[1]:.2f} s ago"
+        age = f"{now - self._latest[1]:.2f} s ago" if self._latest else "never"
         return {self.topic: f"{age}, {self._received} received, {self._refused} refused{self.ages.figures()}"}
 
 
 class Inputs:
-    """The subscriptions of a block, and the conversion of messages to its values.
-
-    Args:
-        node: The node.
-        declared: The block's inputs.
-        common: Frames, and whether velocities are stamped.
-        headers: Whether the headers' stamps are by a system clock, not by a simulated one.
-        group: The callback group of the messages; None for the node's default one.
-        now: The steady clock, s.
-    """
+    """The subscriptions of a block, and the conversion of messages to its values; ``now`` is the steady clock, s."""
 
     def __init__(
         self,
@@ -276,10 +235,8 @@ class Inputs:
     def connect(self, drive: Scheduler) -> list[Endpoint]:
         """Subscribe for a drive, which is notified of each new value; return the topics for the diagnostics."""
         self._drive = drive
-        return [
-            feed.connect(self._node, partial(self.receive, key), partial(drive.on_message, key, 0))
-            for key, feed in self.feeds.items()
-        ]
+        told = {key: partial(drive.on_message, key, 0) for key in self.feeds}
+        return [feed.connect(self._node, partial(self.receive, key), told[key]) for key, feed in self.feeds.items()]
 
     def look(self) -> float:
         """Compare the clocks, for the ages of messages, and return the steady time; call this at least every 20 ms."""
@@ -334,10 +291,9 @@ class Inputs:
 
 
 def resting_on(feeds: Iterable[Feed], present: int) -> int:
-    """Return the stamp of a command, ns: that of the measurement on which it rests; the present without one.
+    """Return the stamp of a command, ns: the oldest among the newest measurements of required inputs; the present without one.
 
-    That is the oldest among the newest measurements of required inputs, since none of them can be missing. A measurement that
-    lasts counts from its end. A measurement without a stamp is dated by the time at which it was sent.
+    A measurement that lasts counts from its end, and one without a stamp is dated by the time at which it was sent.
     """
     resting = [feed.measured_at for feed in feeds if feed.declared.required and feed.declared.measured]
     return min((time for time in resting if time is not None), default=present)

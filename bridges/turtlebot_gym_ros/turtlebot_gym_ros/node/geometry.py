@@ -42,11 +42,7 @@ _NORMS = tuple(1.0 + k * 2.0**-24 for k in range(33))
 
 
 def _yaw_of(q: Quaternion) -> float:
-    """Return the heading of a rotation, rad, in [-pi, pi).
-
-    Raises:
-        ValueError: If the quaternion is not a rotation, because its norm is not 1 within 1 %.
-    """
+    """Return the heading of a rotation, rad, in [-pi, pi); raise ``ValueError`` if its norm is not 1 within 1 %."""
     norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
     if not abs(norm - 1.0) < 0.01:  # also refuses NaN
         raise ValueError(f"the quaternion ({q.x}, {q.y}, {q.z}, {q.w}) has norm {norm:.3g} instead of 1")
@@ -74,7 +70,6 @@ def half_turn(yaw: float) -> tuple[float, float]:
 
 
 def _neighbours(z: float, w: float) -> Iterator[tuple[float, float]]:
-    """Yield the pairs of numbers close to a pair, nearest first."""
     near_z, near_w = ([value + k * math.ulp(value) for k in _NUDGES] for value in (z, w))
     return ((near_z[i], near_w[j]) for i, j in _PAIRS)
 

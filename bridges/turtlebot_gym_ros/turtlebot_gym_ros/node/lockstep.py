@@ -26,11 +26,7 @@ WALL = 1_000_000_000 * SECOND
 
 
 def trigger_of(trigger: Every | On, inputs: Mapping[str, Input]) -> On | None:
-    """Return the trigger of a block in lock-step; None for the plant.
-
-    Raises:
-        ValueError: If the block cannot run in lock-step.
-    """
+    """Return the trigger of a block in lock-step; None for the plant. Raise `ValueError` if the block cannot run so."""
     for item in inputs.values():
         if item.lock_step == "refused":
             raise ValueError(f"lock_step must be false with an input on {item.topic}: its messages belong to no step.")
@@ -53,12 +49,7 @@ class Turn(Enum):
 
 
 class Answers:
-    """The rule of a node that answers steps.
-
-    Args:
-        trigger: The input to answer.
-        inputs: All inputs, by name.
-    """
+    """The rule of a node that answers the steps of an input, by its trigger and all inputs by name."""
 
     def __init__(self, trigger: On, inputs: Mapping[str, Input]) -> None:
         self.messages = Messages(trigger)
@@ -73,23 +64,14 @@ class Answers:
         self._answered: int | None = None
 
     def check(self, key: str, stamp: int) -> None:
-        """Refuse values that are not simulated, for inputs that belong to a step.
-
-        Raises:
-            ValueError: If the stamp is a wall clock's.
-        """
+        """Raise `ValueError` for a wall clock's stamp on an input that belongs to a step."""
         if key in self._tied and stamp >= WALL:
             raise ValueError("its stamp is a wall clock's, but lock_step is for simulated time")
 
     def hear(self, key: str, stamps: Mapping[str, int | None]) -> tuple[Turn, str | None]:
-        """Return the reaction to a new input.
+        """Return the reaction to a new value of an input, and the description of a gap if the block must be reset first.
 
-        Args:
-            key: Name of the input.
-            stamps: Stamps of the steps to which the latest values of all inputs belong, ns.
-
-        Returns:
-            The turn, and the description of a gap if the block must be reset first.
+        ``stamps`` are those of the steps to which the latest values of all inputs belong, ns.
         """
         stamp = stamps[self._input]
         if key not in self._tied or stamp is None or any(stamps[other] != stamp for other in self._tied):
@@ -108,12 +90,7 @@ class Answers:
 
 
 class Plant:
-    """The rule of the plant: its steps, and when to resend their outputs.
-
-    Args:
-        trigger: Trigger with its period and its highest speed.
-        now: Current time of the steady clock, s.
-    """
+    """The rule of the plant: its steps, and when to resend their outputs; ``now`` is the steady clock, s."""
 
     def __init__(self, trigger: Every, *, now: float) -> None:
         self.period = trigger.period

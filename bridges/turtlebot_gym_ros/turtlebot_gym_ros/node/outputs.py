@@ -31,14 +31,7 @@ BROADCAST = QoSProfile(depth=100)
 
 
 class Outputs:
-    """The publishers of a block, and the conversion of its values to messages.
-
-    Args:
-        node: The node.
-        declared: The block's outputs.
-        common: Frames, and whether velocities are stamped.
-        time: Stamp of a command, ns.
-    """
+    """The publishers of a block, and the conversion of its values to messages; ``time`` returns the stamp of a command, ns."""
 
     def __init__(self, node: Node, declared: Mapping[str, Output], common: Common, time: Callable[[], int]) -> None:
         lock_step = common.lock_step
@@ -47,8 +40,8 @@ class Outputs:
         self._publishers = {}
         for key, output in declared.items():
             qos = LATCHED if output.latched else LOCK_STEP if lock_step else STREAM if output.reliable else SENSOR
-            kind, override = self._ways[key].message, overridable()
-            self._publishers[key] = node.create_publisher(kind, output.topic, qos, qos_overriding_options=override)
+            kind, options = self._ways[key].message, {"qos_overriding_options": overridable()}
+            self._publishers[key] = node.create_publisher(kind, output.topic, qos, **options)
         newest = {key: f"{output.topic}/newest" for key, output in declared.items() if lock_step and output.newest}
         self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
         transformed = {key for key, output in declared.items() if output.transform}
@@ -72,10 +65,7 @@ class Outputs:
 
         Commands, and stops among them, are stamped with the time of the measurement on which they rest, see `feed.resting_on`;
         other values with the step's stamp, ns, less their age. In lock-step commands have the step's stamp too, since they
-        answer a step.
-
-        Raises:
-            ValueError: If the value is not finite.
+        answer a step. A value that is not finite raises `ValueError`.
         """
         if isinstance(value, Stamped):
             value, stamp = value.value, stamp - round(value.age * SECOND)
@@ -124,7 +114,7 @@ class Outputs:
         self._tell_newest()
 
     def stops(self, stamp: int = 0) -> dict[str, Any]:
-        """Return the messages that stop the robot; in lock-step they answer the step of a stamp, ns, or none if it is 0."""
+        """Return the messages that stop the robot; in lock-step they answer the step of a stamp, ns, if any."""
         return {key: self.message(key, self._declared[key].stop, stamp) for key in self.moving}
 
     def publish_stops(self) -> None:
@@ -146,15 +136,7 @@ class _Transforms:
     """Publishes the transform from an Odometry's frame to its child frame, and once the transforms to the robot's sensors.
 
     As in tf2, the topic is ``/tf`` in any namespace: robots share one tree, and the frames' prefix distinguishes them. The
-    transform from ``odom`` to the robot must have one owner, so this is off by default.
-
-    Args:
-        node: The node.
-        mounts: Mounts of the sensors; their height is unknown.
-        common: Names of the frames.
-
-    Raises:
-        ValueError: If ``tf2_msgs`` is not installed.
+    transform from ``odom`` to the robot must have one owner, so this is off by default. Without ``tf2_msgs`` it is refused.
     """
 
     def __init__(self, node: Node, mounts: Sequence[Mount], common: Common) -> None:

@@ -23,12 +23,7 @@ STOP_PERIOD = 0.05
 
 
 class Safety:
-    """The state, with a lock for the threads of steps, watchdog and services.
-
-    Args:
-        enabled: Whether it starts enabled.
-        blocked: Longest duration of a step, s; a longer one is a fault. Infinite for no limit.
-    """
+    """The state, with a lock for the threads of steps, watchdog and services; a step longer than ``blocked``, s, is a fault."""
 
     def __init__(self, *, enabled: bool, blocked: float) -> None:
         self.lock = RLock()
@@ -48,12 +43,7 @@ class Safety:
         return self.phase if self.phase == "active" else f"{self.phase}: {self.reason}"
 
     def enable(self, *, now: float, buttons: int) -> str | None:
-        """Allow motion again, or return why not.
-
-        Args:
-            now: Current steady time, s.
-            buttons: Number of publishers of the emergency stop.
-        """
+        """Allow motion again, or return why not, by the number of publishers of the emergency stop."""
         with self.lock:
             self._wake(now)
             if why := self._buttons.refusal(now, buttons):
@@ -107,7 +97,6 @@ class Safety:
             self._buttons.count(publishers, now)
 
     def _wake(self, now: float) -> None:
-        """Detect a gap in this process, whichever method is called first."""
         self._buttons.wake(0.0 if self._awake is None else now - self._awake, now)
         self._awake = now
 

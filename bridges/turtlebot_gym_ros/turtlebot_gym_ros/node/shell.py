@@ -1,8 +1,8 @@
 """The shell that turns a block into a node.
 
-It implements, once for all nodes, everything except control: conversion of messages, freshness of inputs, parameters,
-diagnostics, a watchdog for blocked steps, stop commands and a clean shutdown; its drive (`drives`) decides when the block runs.
-The block computes in the executor's thread. No blocked step holds up the watchdog's thread.
+It does for all nodes what is not control: conversion of messages, freshness of inputs, parameters, diagnostics, a watchdog for
+blocked steps, stop commands and a clean shutdown; its drive (`drives`) decides when the block runs. The block computes in the
+executor's thread. No blocked step holds up the watchdog's thread.
 """
 
 from __future__ import annotations
@@ -101,11 +101,10 @@ class Shell:
         self._watcher.start()
 
     def _connect(self) -> None:
-        """Create the node's topics, services and timers."""
         node, block, lock_step = self.node, self.block, self.common.lock_step
         self._waits: str | None = "has not run yet"
         self._trouble = self._notice = None
-        self._steps = self._overruns = self._dropped = 0
+        self._steps = self._dropped = 0
         self._is_plant = isinstance(block.trigger, Every) and block.trigger.speed is not None
         headers = not node.get_parameter("use_sim_time").value
         self.group = FastGroup(node)
@@ -117,14 +116,13 @@ class Shell:
         self._reporter = Reporter(node, [*self.outputs.endpoints, *self.inputs.connect(self._drive)], plant=self._is_plant)
         node.create_service(Trigger, "~/reset", self._serve_reset)
         for name, call in getattr(block, "services", {}).items():
-            node.create_service(Call, name, partial(_serve, call))
+            node.create_service(Call, name, lambda request, response, call=call: call() or response)
         if self._is_plant:
             self._announce = node.create_publisher(Empty, "reset", STREAM)
         elif not lock_step:  # in lock-step the stamps show where an episode begins
             node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
-        self._resume = (
-            node.create_publisher(Empty, "resume", STREAM) if any(feed.declared.halts for feed in self.feeds.values()) else None
-        )
+        rests = any(feed.declared.halts for feed in self.feeds.values())
+        self._resume = node.create_publisher(Empty, "resume", STREAM) if rests else None
         self.switch: Switch | None = None
         if self.outputs.moving:
             self.switch = Switch(
@@ -169,7 +167,6 @@ class Shell:
             if switch:
                 switch.safety.end()
         self._steps += 1
-        self._overruns += self.now() - now > drive.limit > 0.0
         notice = getattr(self.block, "notice", None)
         if notice and notice != self._notice:
             self._log.warning(notice)
@@ -204,12 +201,10 @@ class Shell:
         return answers
 
     def _missing(self, now: float) -> str | None:
-        """Return what a step must wait for, if anything."""
         why = self.inputs.missing(now) or self._drive.missing()
         return why or (self.inputs.halted(now) if self.switch else None) or None
 
     def _fault(self, why: str) -> None:
-        """Report a fault of a step, and stop until enabled again."""
         if why != self._trouble:
             self._log.error(f"fault: {why}")
         self._trouble = why
@@ -274,14 +269,13 @@ class Shell:
                     self._log.error(f"no diagnostics: {error}")
 
     def _report(self, now: float) -> None:
-        """Publish the diagnostics."""
         problems = [NodeProblem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self.feeds.values() if feed.refusal]
         problems += [NodeProblem(WARN, self._notice)] if self._notice else []
         trouble = self._trouble and f"fault: {self._trouble}"
         faults = self._drive.trouble(), trouble, getattr(self.block, "fault", None)
         problems += [NodeProblem(ERROR, why) for why in faults if why]
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
-        values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}
+        values = {"state": state, "steps": self._steps, "results dropped": self._dropped}
         values |= getattr(self.block, "figures", {})
         for feed in self.feeds.values():
             values |= feed.figures(now)
@@ -309,23 +303,10 @@ class Shell:
         self.node.destroy_node()
 
 
-def _serve(call: Callable[[], None], request: Any, response: Any) -> Any:
-    """Serve a function without arguments."""
-    call()
-    return response
-
-
 def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None = None, *, name: str | None = None) -> int:
-    """Run a block as a node until a signal ends it. Call it in the main thread.
-
-    Args:
-        make: Makes the block from its parameters: usually its class.
-        params: The dataclass of its parameters.
-        argv: Command line without the program's name; None for that of the process.
-        name: The node's name; None for that of ``make``, in snake case.
+    """Run a block as a node until a signal ends it; see `Shell` for its arguments, and `process.run` for the command line.
 
     Returns:
-        The exit code 2, with one line on stderr, if the parameters were refused. Otherwise the process ends, see `process.run`.
+        The exit code 2, with one line on stderr, if the parameters were refused. Otherwise the process ends.
     """
-    makes = [partial(Shell, make, params, name=name)]
-    return process.run(makes, argv, executor=FastExecutor, in_thread=True)
+    return process.run([partial(Shell, make, params, name=name)], argv, executor=FastExecutor, in_thread=True)

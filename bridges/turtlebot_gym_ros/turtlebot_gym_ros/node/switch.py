@@ -30,16 +30,8 @@ class Switch:
     is silent the robot stands: see `emergency`. Enabling is refused while any button is pressed, or one that was heard is
     silent.
 
-    Args:
-        node: The node.
-        outputs: Its outputs.
-        enabled: Whether it starts enabled.
-        now: The steady clock, s.
-        restart: Called when it is enabled, to restart the block.
-        refusal: Returns why it must not be enabled, or an empty text.
-        blocked: Longest duration of a step, s; a longer one is a fault. Infinite for no limit.
-        sees: Whether the block sees obstacles, of which whoever enables it is warned.
-        group: The callback group of the emergency stop; None for the node's default one.
+    When it is enabled, ``restart`` is called; ``refusal`` says why not. A step longer than ``blocked``, s, is a fault.
+    Whoever enables it is warned of obstacles, by whether the block ``sees`` them.
     """
 
     def __init__(
@@ -76,19 +68,14 @@ class Switch:
             return refusal
         with self.safety.lock:
             if not self.safety.enabled:
-                refusal = self.safety.enable(now=self._now(), buttons=self._buttons.get_publisher_count())
-                if refusal:
+                if refusal := self.safety.enable(now=self._now(), buttons=self._buttons.get_publisher_count()):
                     return refusal
                 self._log.warning(self._warning)
-                self._begin()
-            elif self.safety.phase != "active":  # it may wait for inputs that a clock, set meanwhile, makes look old
-                self._begin()
+            if self.safety.phase != "active":  # it may wait for inputs that a clock, set meanwhile, makes look old
+                self._ages.begin()
+                self._restart()
             self._tell()
             return None
-
-    def _begin(self) -> None:
-        self._ages.begin()
-        self._restart()
 
     def disable(self) -> None:
         """Stop the robot, and release it a second later."""

@@ -17,9 +17,6 @@ class StampGrid:
     The first call may be late by any part of a period, and punctual calls then come that much before their stamps. So a call
     takes its step from three quarters of a period before the stamp, and makes up for another one from a quarter before. With
     one limit for both, calls that come just around it would make no step and two steps in turn.
-
-    Args:
-        trigger: The declaration.
     """
 
     def __init__(self, trigger: Every) -> None:
@@ -39,11 +36,7 @@ class StampGrid:
 
 
 class Messages:
-    """Steps on the messages of an input, decimated to a period.
-
-    Args:
-        trigger: The declaration.
-    """
+    """Steps on the messages of an input, decimated to a period."""
 
     def __init__(self, trigger: On) -> None:
         self.input = trigger.input
@@ -61,11 +54,7 @@ class Messages:
         self.slow: str | None = None
 
     def check(self, stamp: int) -> None:
-        """Refuse a stamp that is not later than the last one, unless it is so far back that the clock must have been set.
-
-        Raises:
-            ValueError: If the stamp is refused.
-        """
+        """Raise `ValueError` for a stamp not later than the last one, unless the clock must have been set back."""
         if self._seen is not None and 0 <= self._seen - stamp <= self._gap_ns:
             raise ValueError(f"its stamp is {(self._seen - stamp) / SECOND:.3f} s before the last one's, or the same")
 
@@ -86,7 +75,6 @@ class Messages:
         return True, gap
 
     def _count_late(self, spacing: int) -> None:
-        """Detect messages that are slower than the steps, by the time since the last step was due, ns."""
         self._late = self._late + 1 if spacing > 1.5 * self._period_ns else 0
         self.slow = None
         if self._late >= SLOW_AFTER:
