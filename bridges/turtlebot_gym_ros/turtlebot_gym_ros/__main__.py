@@ -48,9 +48,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str] | None) -> int:
     name, *rest = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if name in ("-h", "--help"):
-        parts = {"nodes": NODES, "tools": TOOLS}
-        lines = {part: [f"  {each:<20} {entry.summary}" for each, entry in entries.items()] for part, entries in parts.items()}
-        print(HELP.format(**{part: "\n".join(each) for part, each in lines.items()}))
+        nodes, tools = ("\n".join(f"  {each:<20} {entry.summary}" for each, entry in of.items()) for of in (NODES, TOOLS))
+        print(HELP.format(nodes=nodes, tools=tools))
         return 0
     if name == "--version":
         from turtlebot_gym import __version__
@@ -60,7 +59,11 @@ def _run(argv: Sequence[str] | None) -> int:
     names = [name, *takewhile(NODES.__contains__, rest if name in EXPLAINED else [])]
     try:
         guards = entry_of(name).guards
-        _check_together(names)
+        for at, each in enumerate(names if len(names) > 1 else []):
+            if each not in BLOCKS:
+                raise ValueError(f"{each} runs in a process of its own: start it apart.")
+            if each in names[:at]:
+                raise ValueError(f"{each} is named twice.")
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -88,21 +91,7 @@ def _run(argv: Sequence[str] | None) -> int:
     return run(makes, rest[len(names) - 1 :], executor=FastExecutor, in_thread=True)
 
 
-def _check_together(names: Sequence[str]) -> None:
-    """Check that nodes can run in one process.
-
-    Raises:
-        ValueError: If one of several has to run in a process of its own, or is named twice.
-    """
-    for at, name in enumerate(names if len(names) > 1 else []):
-        if name not in BLOCKS:
-            raise ValueError(f"{name} runs in a process of its own: start it apart.")
-        if name in names[:at]:
-            raise ValueError(f"{name} is named twice.")
-
-
 def _explained(name: str) -> str:
-    """Return the help of a node that takes ROS arguments, without making it."""
     made, program = load(name), f"python -m turtlebot_gym_ros {name}"
     if name in BLOCKS:
         from turtlebot_gym_ros.base.frames import Common

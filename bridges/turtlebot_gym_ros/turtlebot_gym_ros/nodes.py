@@ -1,4 +1,4 @@
-"""The nodes of the package: the only list of them.
+"""The nodes and tools of the package: the only list of them.
 
 This is plain data without ROS; a node's code is loaded when it is needed. The command line, the ROS package's executables, the
 graph's modes, the diagnostics, the reference and the tests read it.
@@ -14,7 +14,7 @@ class Entry(NamedTuple):
     """A node or a tool."""
 
     target: str
-    """Its block, or the function that runs it: "module:name"."""
+    """Its block, or the function that runs it: "module:name", of this package unless it is the guard's."""
     summary: str
     """One line of help."""
 
@@ -24,37 +24,32 @@ class Entry(NamedTuple):
         return self.target.startswith("cmd_vel_guard.")
 
 
-_ROS = "turtlebot_gym_ros"
 NODES = {
     "waypoint_generator": Entry(
-        f"{_ROS}.blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference"
+        "blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference"
     ),
     "velocity_controller": Entry(
-        f"{_ROS}.blocks.controller:VelocityController", "drives by a policy: /estimate and /reference to /cmd_vel"
+        "blocks.controller:VelocityController", "drives by a policy: /estimate and /reference to /cmd_vel"
     ),
     "turtlebot_simulator": Entry(
-        f"{_ROS}.blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state"
+        "blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state"
     ),
-    "kalman_filter": Entry(f"{_ROS}.blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate"),
-    "localizer": Entry(
-        f"{_ROS}.blocks.localizer:Localizer", "estimates the pose in a map: /odom and /scan to /estimate and /amcl_pose"
-    ),
-    "people_tracker": Entry(f"{_ROS}.blocks.people_tracker:PeopleTracker", "tracks people: /odom and /scan to /tracks"),
-    "simulated_teleop": Entry(f"{_ROS}.blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel"),
-    "data_logger": Entry(f"{_ROS}.recording.logger:main", "records every message to a bag"),
-    "bringup": Entry(f"{_ROS}.graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
-    "status": Entry(f"{_ROS}.graph.status:main", "prints which node waits for what"),
+    "kalman_filter": Entry("blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate"),
+    "localizer": Entry("blocks.localizer:Localizer", "estimates the pose in a map: /odom and /scan to /estimate, /amcl_pose"),
+    "people_tracker": Entry("blocks.people_tracker:PeopleTracker", "tracks people: /odom and /scan to /tracks"),
+    "simulated_teleop": Entry("blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel"),
+    "data_logger": Entry("recording.logger:main", "records every message to a bag"),
+    "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
+    "status": Entry("graph.status:main", "prints which node waits for what"),
     "cmd_vel_guard": Entry("cmd_vel_guard.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops"),
-    "cmd_vel_standby": Entry(
-        "cmd_vel_guard.standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives"
-    ),
+    "cmd_vel_standby": Entry("cmd_vel_guard.standby:main", "on the robot: sends zeros if the guard dies while it drives"),
 }
 TOOLS = {
-    "topics": Entry(f"{_ROS}.tools.topics:topics", "lists topics and who is at them, or prints the messages of one"),
-    "button": Entry(f"{_ROS}.tools.topics:button", "is an emergency stop: Ctrl-C stops the robot"),
-    "enable": Entry(f"{_ROS}.tools.enable:enable", "enables nodes, or disables them"),
-    "goal": Entry(f"{_ROS}.tools.goal:goal", "sends the robot to a place"),
-    "foxglove": Entry(f"{_ROS}.tools.foxglove:foxglove", "serves the live graph to Foxglove"),
+    "topics": Entry("tools.topics:topics", "lists topics and who is at them, or prints the messages of one"),
+    "button": Entry("tools.topics:button", "is an emergency stop: Ctrl-C stops the robot"),
+    "enable": Entry("tools.enable:enable", "enables nodes, or disables them"),
+    "goal": Entry("tools.goal:goal", "sends the robot to a place"),
+    "foxglove": Entry("tools.foxglove:foxglove", "serves the live graph to Foxglove"),
 }
 """What ros2cli does on a ROS installation."""
 MODES = {
@@ -62,18 +57,14 @@ MODES = {
     "teleoperation": ("turtlebot_simulator", "kalman_filter"),
 }
 """The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""
-BLOCKS = tuple(name for name, entry in NODES.items() if ".blocks." in entry.target)
+BLOCKS = tuple(name for name, entry in NODES.items() if entry.target.startswith("blocks."))
 """The nodes that are blocks in the shell rather than separate programs."""
 EXPLAINED = (*BLOCKS, "data_logger", *(name for name, entry in NODES.items() if entry.guards))
 """The nodes that take ROS arguments; all others, and the tools, parse options of their own."""
 
 
 def entry_of(name: str) -> Entry:
-    """Return the entry of a node or a tool.
-
-    Raises:
-        ValueError: If the name is unknown.
-    """
+    """Return the entry of a node or a tool; raise `ValueError` if the name is unknown."""
     if entry := NODES.get(name) or TOOLS.get(name):
         return entry
     from turtlebot_gym.config import did_you_mean
@@ -84,5 +75,6 @@ def entry_of(name: str) -> Entry:
 
 def load(name: str) -> Any:
     """Return the code of a node or a tool: the class of its block, or a function of arguments; see `entry_of`."""
-    module, _, attribute = entry_of(name).target.partition(":")
-    return getattr(import_module(module), attribute)
+    entry = entry_of(name)
+    module, _, attribute = entry.target.partition(":")
+    return getattr(import_module(module if entry.guards else f"turtlebot_gym_ros.{module}"), attribute)

@@ -35,8 +35,7 @@ OTHERS = 0.05
 class FastGroup(MutuallyExclusiveCallbackGroup):
     """Subscriptions and timers for which a `FastExecutor` waits separately; other executors run them like the node's others.
 
-    Args:
-        node: Their node, of whose default group at most one callback runs at a time, theirs included.
+    Of the node's default group at most one callback runs at a time, theirs included.
     """
 
     def __init__(self, node: Node) -> None:
@@ -128,5 +127,4 @@ class FastExecutor(SteadyExecutor):
 
 
 def _is_fast(entity: Any) -> bool:
-    """Return whether a `FastExecutor` waits separately for an entity."""
     return isinstance(entity.callback_group, FastGroup)

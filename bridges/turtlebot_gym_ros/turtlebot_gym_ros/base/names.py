@@ -13,8 +13,7 @@ ROOT = "/"
 def absolute(namespace: str, what: str = "namespace") -> str:
     """Return a namespace in ROS's form: "/robot1", or "/" for none; or another absolute name, which the message calls ``what``.
 
-    Raises:
-        ValueError: If ROS would refuse it.
+    Raises `ValueError` for a name that ROS would refuse.
     """
     name = namespace.strip("/")
     if name and not re.fullmatch(r"(?!.*__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name, re.ASCII):
@@ -34,11 +33,7 @@ def remapping(namespace: str) -> list[str]:
 
 
 def message_type(name: str) -> Any:
-    """Return a message type by its name in the graph, such as "std_msgs/msg/Bool".
-
-    Raises:
-        ValueError: If it is not installed, or the name is of another form.
-    """
+    """Return a message type by its name in the graph, "std_msgs/msg/Bool"; raise `ValueError` if it is not installed."""
     package, *kinds = name.split("/")
     try:
         folder, kind = kinds

@@ -42,12 +42,9 @@ def go_on() -> None:
 def processes(
     nodes: Sequence[tuple[str, Mapping[str, Any]]], words: Sequence[str], environment: Mapping[str, str] | None = None
 ) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Run nodes of this package in processes of their own, and end them; they end also if this process is killed.
+    """Run nodes, by name and parameters, in processes of their own with ROS arguments; they end also if this one is killed.
 
-    Args:
-        nodes: Their names and parameters.
-        words: ROS arguments of each, such as remappings.
-        environment: Variables of each besides those of this process.
+    ``environment`` has their variables besides those of this process.
     """
     running: list[subprocess.Popen[bytes]] = []
     # A signal at the parent's death, as Linux knows it, would also come when the thread ends that started them.

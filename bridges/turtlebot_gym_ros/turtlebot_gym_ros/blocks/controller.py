@@ -30,14 +30,8 @@ VARIANCE_FLOOR = 1e-6
 def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> Input:
     """Return the input that brings a term of a policy's own.
 
-    A bundle only says what it reads: which code reads its topic, a person says, so that no bundle names a module.
-
-    Args:
-        term: The term.
-        named: The terms that the parameter ``terms`` names.
-
-    Raises:
-        ValueError: If no topic brings it, or it has other numbers than the policy was made for.
+    A bundle only says what it reads: which code reads its topic, a person says, so that no bundle names a module. Raises
+    `ValueError` if no topic brings the term, or it has other numbers than the policy was made for.
     """
     if term.name == TRACKS.name:
         return Input(topic="tracks", type=Tracks, lock_step="same", reliable=False, sole=True)
@@ -46,10 +40,8 @@ def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> In
         made_with = f", such as {term.source}" if term.source else ""
         raise ValueError(f"the policy reads {term.name!r}: name it in the parameter terms, MODULE:NAME{made_with}.")
     if here.bounds != term.bounds:
-        raise ValueError(
-            f"the policy reads {term.name!r} with bounds {short_repr(term.bounds)}, "
-            f"but {here.source} has {short_repr(here.bounds)}."
-        )
+        made, has = short_repr(term.bounds), short_repr(here.bounds)
+        raise ValueError(f"the policy reads {term.name!r} with bounds {made}, but {here.source} has {has}.")
     convert = here.convert
     if convert is None:
         raise ValueError(f"the policy reads {term.name!r}: give {here.source} a topic, message and convert.")
@@ -178,9 +170,8 @@ class VelocityController:
     ) -> dict[str, Any]:
         """Return the command, or nothing if the robot is done; ``own`` are the numbers of the policy's own terms.
 
-        Raises:
-            ValueError: If the estimate's pose repeats itself to the bit while its twist says that the robot moves. It may leap,
-                as a localization does.
+        An estimate whose pose repeats itself to the bit while its twist says that the robot moves raises `ValueError`. It may
+        leap, as a localization does.
         """
         self._time += dt
         mean, P = estimate.belief
@@ -198,18 +189,17 @@ class VelocityController:
             return {}
         self._done_with = None
         seen: tuple[Any, float] = ((), 0.0)
-        if scan is not None:
-            try:
-                seen = self._look(scan, Command(mean.v, mean.omega)), scan.age
-            except NotBelievedError as why:
-                self.notice = f"the robot stands: {why}"
-                return {"command": STOP}
-        evidence = None
-        if self.driver.is_located:
-            if nis is None or nis.fits is None or nis.weight is None:
-                self.notice = "the robot stands: its policy needs a localizer, whose evidence is not on nis"
-                return {"command": STOP}
+        evidence: tuple[float, float] | None = None
+        if self.driver.is_located and nis is not None and nis.fits is not None and nis.weight is not None:
             evidence = nis.fits, nis.weight
+        try:
+            if scan is not None:
+                seen = self._look(scan, Command(mean.v, mean.omega)), scan.age
+            if self.driver.is_located and evidence is None:
+                raise NotBelievedError("its policy needs a localizer, whose evidence is not on nis")
+        except NotBelievedError as why:
+            self.notice = f"the robot stands: {why}"
+            return {"command": STOP}
         surprise = estimate.nis if nis is None else nis.value
         after = following or reference
         terms = {name.removeprefix(OWN): numbers for name, numbers in own.items()}
@@ -218,11 +208,7 @@ class VelocityController:
         return {"command": command}
 
     def _look(self, scan: Stamped, twist: Command) -> list[float]:
-        """Return the sectors of a scan.
-
-        Raises:
-            NotBelievedError: If the scan must not be used, with the reason.
-        """
+        """Return the sectors of a scan, or raise `NotBelievedError` with the reason for which it must not be used."""
         yaw = scan.mount.theta if scan.mount else self._yaw
         if self._yaw and abs(wrap(yaw - self._yaw)) > SAME_WAY:
             raise NotBelievedError(f"lidar_yaw is {self._yaw:.3f}, but /tf_static says {yaw:.3f} rad: correct one of them")

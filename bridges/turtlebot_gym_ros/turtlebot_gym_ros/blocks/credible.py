@@ -57,9 +57,8 @@ class Gate:
         n = 3 if fix.R[2] < math.inf else 2
         off = np.array((fix.pose.x - mean.x, fix.pose.y - mean.y, wrap(fix.pose.theta - mean.theta)))[:n]
         (xx, yy, tt), (xy, xt, yt) = fix.R, fix.cross
-        S = np.array(((P.xx + xx, P.xy + xy, P.xt + xt), (P.xy + xy, P.yy + yy, P.yt + yt), (P.xt + xt, P.yt + yt, P.tt + tt)))[
-            :n, :n
-        ]
+        rows = (P.xx + xx, P.xy + xy, P.xt + xt), (P.xy + xy, P.yy + yy, P.yt + yt), (P.xt + xt, P.yt + yt, P.tt + tt)
+        S = np.array(rows)[:n, :n]
         squared = float(off @ np.linalg.solve(S, off))
         if not squared <= CERTAIN[n]:
             away = f"{math.hypot(off[0], off[1]):.2f} m from the estimate"

@@ -113,35 +113,20 @@ class KalmanFilter:
         noise = make_noise(params.noise)
         self._tuning = make_filter(params.filter, noise)
         self._filter = filter_of(self._tuning)
-        by_command = choose("twist", params.twist, {"executed": False, "commanded": True})
-        self._agreement = Agreement(self._robot, noise, leaps=by_command)  # a robot follows its command late
-        self._gate = Gate()
+        self._by_command = choose("twist", params.twist, {"executed": False, "commanded": True})
+        self._agreement = Agreement(self._robot, noise, leaps=self._by_command)  # a robot follows its command late
+        self._gate, self._verdict = Gate(), Credibility()
         self._integrator = choose("integrator", params.integrator, INTEGRATORS)
-        if by_command:
+        if self._by_command:
             self.inputs = {**self.inputs, "command": replace(COMMANDED, lock_step="refused")}
-            self._executed = lambda odometry, command: limit(command or STOP, self._robot)
-            self._judged = lambda odometry, command: Odometry(
-                odometry.pose, limit(command or STOP, self._robot), odometry.measured
-            )
         if params.takes_fixes:
             self._filter = with_fixes(self._filter, REMEMBERED)
             self.inputs = {**self.inputs, "fix": FIX}
         self.notice: str | None = None
         """Why the last message was refused, until the next one of its kind is accepted."""
-        self._verdict = Credibility()
         self.figures: dict[str, Any] = {"refused odometry": 0, "refused fixes": 0, "refused initial poses": 0}
         """Number of messages that were refused, by kind."""
         self.reset()
-
-    @staticmethod
-    def _executed(odometry: Odometry, command: Command | None) -> Command:
-        """Return the twist to predict with."""
-        return odometry.twist
-
-    @staticmethod
-    def _judged(odometry: Odometry, command: Command | None) -> Odometry:
-        """Return the odometry to judge: with the command for its twist, where that is not used."""
-        return odometry
 
     def reset(self) -> None:
         """Restart with the next odometry, wherever it is."""
@@ -156,7 +141,6 @@ class KalmanFilter:
         return self._verdict.fault
 
     def _restart(self) -> None:
-        """Forget everything but where odometry was."""
         self._estimate: Estimate | None = None
         self._senses = _SENSES(Odometry(ORIGIN, STOP, False), no_fix())
         self._time = self._unused = 0.0
@@ -186,17 +170,19 @@ class KalmanFilter:
         if self._agreement.cause and resume is not None:
             tuning = self._go_on(odometry)
         begins = self._estimate is None
-        if why := self._agreement.judge(max(dt, 0.0), self._judged(odometry, command), command):
+        twist = limit(command or STOP, self._robot) if self._by_command else odometry.twist
+        judged = Odometry(odometry.pose, twist, odometry.measured) if self._by_command else odometry
+        if why := self._agreement.judge(max(dt, 0.0), judged, command):
             back = self._back(odometry, fix)
             if back is None:
                 self._unused += dt
                 self._refuse("odometry", why)
                 return self._verdict.news(self._agreement.cause)
             tuning, begins = back, True
-            self._agreement.judge(0.0, self._judged(odometry, command), command)
+            self._agreement.judge(0.0, judged, command)
         self._accept("odometry")
         dt, self._unused = dt + self._unused, 0.0
-        now = odometry._replace(twist=self._executed(odometry, command))
+        now = odometry._replace(twist=twist)
         if self._seat:
             read, place = self._seat
             now = now._replace(pose=increment(place, read, now.pose, sincos(place.theta - read.theta)))
@@ -222,15 +208,15 @@ class KalmanFilter:
 
     def _take_seat(self, odometry: Odometry, initial_pose: Fix) -> FilterTuning:
         """Start anew where a person says that the robot is, if it stands; return the tuning to start with."""
-        v, omega = odometry.twist
+        why = Gate().refusal(initial_pose, self._time)
         if not _stands(odometry):
-            self._refuse("initial poses", f"the robot must stand, but drives with {v:g} m/s and {omega:g} rad/s")
+            v, omega = odometry.twist
+            why = f"the robot must stand, but drives with {v:g} m/s and {omega:g} rad/s"
         elif initial_pose.R[2] == math.inf:
-            self._refuse("initial poses", "it has no heading")
-        elif why := Gate().refusal(initial_pose, self._time):
-            self._refuse("initial poses", why)
-        else:
+            why = "it has no heading"
+        if not why:
             return self._place(odometry, initial_pose)
+        self._refuse("initial poses", why)
         return self._tuning
 
     def _place(self, odometry: Odometry, place: Fix) -> FilterTuning:
@@ -277,16 +263,13 @@ class KalmanFilter:
         return bounded(fix.value)._replace(age=max(fix.age, 0.0))
 
     def _refuse(self, kind: str, why: str) -> None:
-        """Count a refused message, and report it."""
         self.figures[f"refused {kind}"] += 1
         self.notice = f"{kind} refused: {why}"
 
     def _accept(self, kind: str) -> None:
-        """End the report on refused messages of a kind."""
         if self.notice and self.notice.startswith(kind):
             self.notice = None
 
 
 def _stands(odometry: Odometry) -> bool:
-    """Return whether odometry says where the robot is, and that it stands."""
     return abs(odometry.twist.v) <= STANDS.v and abs(odometry.twist.omega) <= STANDS.omega and odometry.measured

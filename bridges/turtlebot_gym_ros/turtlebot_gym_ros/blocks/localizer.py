@@ -31,19 +31,7 @@ from turtlebot_gym.systems.scans import drift_of
 from turtlebot_gym.values import ORIGIN, Command, Odometry, Pose
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility
 from turtlebot_gym_ros.blocks.ticks import Ticks
-from turtlebot_gym_ros.node.block import (
-    COMMANDED,
-    INITIAL_POSE,
-    RESUME,
-    SCAN,
-    Correction,
-    Input,
-    Nis,
-    On,
-    Output,
-    Resume,
-    Stamped,
-)
+from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, SCAN, Correction, Input, Nis, On, Output, Stamped
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan: 1 s at 50 Hz."""
@@ -196,7 +184,7 @@ class Localizer:
         map: GridMap | None = None,
         initial_pose: Stamped | None = None,
         command: Command | None = None,
-        resume: Resume | None = None,
+        resume: object = None,
     ) -> dict[str, Any]:
         """Return the belief after odometry that is ``dt`` later than the one before, s.
 
@@ -280,7 +268,6 @@ class Localizer:
         return look(located, self._bank, sight, self._wheels(), q, unseen)
 
     def _wheels(self) -> Pose:
-        """Return the odometry at the present pose."""
         return Pose(*self._trail[0, 1:4].tolist())
 
     def _seen(self, scan: Stamped, stamp: float) -> tuple[NDArray[np.float64], Timing]:

@@ -40,8 +40,6 @@ MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
 """Additional output for a map, published once."""
 OPEN_GROUND = ("open", "")
 """Names of worlds without a room."""
-
-
 SHOWN_EVERY = 5
 """Steps between two pictures of the obstacles."""
 
@@ -112,10 +110,7 @@ class TurtlebotSimulator:
             return self.world not in OPEN_GROUND
 
     inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
-    outputs = {
-        "truth": Output(topic="true_state", type=State),
-        "odometry": Output(topic="odom", type=Odometry),
-    }
+    outputs = {"truth": Output(topic="true_state", type=State), "odometry": Output(topic="odom", type=Odometry)}
     trigger = Every(0.1, 1.0)
 
     def __init__(self, params: Params) -> None:
@@ -132,31 +127,20 @@ class TurtlebotSimulator:
             lidar=params.lidar if params.in_room else None,
             localizer=params.localizer or None,
         ).setup()
-        self._sees_fixes = bool(p.fix)
-        if self._sees_fixes:
-            self.outputs = {**self.outputs, **FIX_OUTPUTS}
         self.trigger = replace(self.trigger, period=params.period, speed=params.speed)
-        self._lidar: Lidar | None = p.room.lidar if p.room else None
-        if self._lidar:
-            mount = Mount(SCAN_FRAMES.get(params.lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)
-            self.outputs = {
-                **self.outputs,
-                **ROOM_OUTPUTS,
-                "scan": replace(ROOM_OUTPUTS["scan"], mount=mount),
-            }
+        self._sees_fixes, self._lidar = bool(p.fix), p.room.lidar if p.room else None
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # other nodes handle the waypoints
         self._draws_map = bool(p.localizer) and not (plan and plan.map)
         self._map = charted(self._episode.scene) if self._draws_map else (plan.map if plan else None)
-        if self._map:
-            self.outputs = {**MAP_OUTPUTS, **self.outputs}  # first, since a localizer waits for it
+        stated = replace(self.outputs["odometry"], transform=params.publish_tf, frame=params.odom_frame or None)
+        self.outputs = (MAP_OUTPUTS if self._map else {}) | self.outputs | {"odometry": stated}  # a localizer waits for the map
+        if self._sees_fixes:
+            self.outputs |= FIX_OUTPUTS
+        if self._lidar:
+            mount = Mount(SCAN_FRAMES.get(params.lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)
+            self.outputs |= ROOM_OUTPUTS | {"scan": replace(ROOM_OUTPUTS["scan"], mount=mount)}
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
-        stated = replace(
-            self.outputs["odometry"],
-            transform=params.publish_tf,
-            frame=params.odom_frame or None,
-        )
-        self.outputs = {**self.outputs, "odometry": stated}
         self._begun = False
         self.notice: str | None = None
         """Notice of the episode's first contact."""
@@ -175,10 +159,8 @@ class TurtlebotSimulator:
             self._episode.step(command or STOP)
         self._begun = True
         world = self._episode.world
-        odometry = world.senses.odometry
-        values: dict[str, Any] = {"truth": world.body.true_state, "odometry": odometry}
-        if self._sees_fixes and world.senses.fix.arrived:
-            now = world.senses.fix
+        values: dict[str, Any] = {"truth": world.body.true_state, "odometry": world.senses.odometry}
+        if self._sees_fixes and (now := world.senses.fix).arrived:
             values["fix"] = Stamped(Fix(now.pose, now.R, now.age, now.arrived, now.cross), now.age)
         if self._map:
             values["map"], self._map = self._map, None

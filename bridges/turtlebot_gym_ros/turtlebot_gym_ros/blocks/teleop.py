@@ -9,15 +9,8 @@ from turtlebot_gym.config import check_fields
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.node.block import PERIOD, Every, Output
 
-SCRIPT = (
-    (5.0, Command(0.15, 0.0)),
-    (8.0, Command(0.15, 0.8)),
-    (13.0, Command(0.15, 0.0)),
-    (16.0, Command(0.15, -0.8)),
-    (21.0, Command(0.15, 0.0)),
-    (24.0, Command(0.0, 1.5)),
-    (30.0, Command(0.15, 0.0)),
-)
+STRAIGHT = 0.15, 0.0
+SCRIPT = ((5, STRAIGHT), (8, (0.15, 0.8)), (13, STRAIGHT), (16, (0.15, -0.8)), (21, STRAIGHT), (24, (0.0, 1.5)), (30, STRAIGHT))
 """The 30 s of the reference system: end time, s, and command of each part."""
 
 
@@ -57,4 +50,4 @@ class SimulatedTeleop:
         """Return the command for the current time; nothing after the end."""
         time = (self._steps + 0.5) * dt  # half a step off the script's edges, so that the result does not depend on rounding
         self._steps += 1
-        return next(({"command": command} for until, command in SCRIPT if time < until), {})
+        return next(({"command": Command(*command)} for until, command in SCRIPT if time < until), {})

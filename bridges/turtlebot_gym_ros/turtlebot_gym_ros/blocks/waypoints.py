@@ -110,12 +110,7 @@ class WaypointGenerator:
         self._steps = 0
 
     def send(self, goal: Pose, *, awaited: bool = False) -> Errand:
-        """Take a goal in place of all waypoints and of an earlier goal.
-
-        Args:
-            goal: The goal in the world frame.
-            awaited: Whether somebody waits for the outcome.
-        """
+        """Take a goal in the world frame, in place of all waypoints and of an earlier goal; somebody may await its outcome."""
         errand = self._take(Errand(goal=goal, awaited=awaited))
         self._head_for(goal)
         return errand
@@ -129,7 +124,6 @@ class WaypointGenerator:
         return errand
 
     def _take(self, errand: Errand) -> Errand:
-        """Let a goal take the place of an earlier one."""
         if self._errand:
             self._errand.end("failed", Failure.OTHER, "another goal took its place")
         self._errand = errand
@@ -201,11 +195,7 @@ class WaypointGenerator:
 def _load_waypoints(path: str) -> list[Pose]:
     """Read waypoints from a file: a YAML list of ``[x, y, theta]`` or of mappings, or CSV lines with or without a header.
 
-    Args:
-        path: The file, ending in .yaml, .yml or .csv.
-
-    Raises:
-        ValueError: If the file cannot be read; the message names the file and the entry.
+    Raises `ValueError` with the file and the entry.
     """
     file = Path(path).expanduser()
     try:

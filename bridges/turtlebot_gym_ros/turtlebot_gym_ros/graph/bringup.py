@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -58,12 +58,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
 
 def metrics(trajectory: Drive) -> dict[str, Any]:
     """Return the tutorial's metrics of a drive, by name and unit: mean errors, and the distances to waypoints."""
-    truth, odometry, estimate, reference = (
-        trajectory.true_state,
-        trajectory.odometry,
-        trajectory.estimate,
-        trajectory.reference,
-    )
+    truth, odometry, estimate = trajectory.true_state, trajectory.odometry, trajectory.estimate
+    reference = trajectory.reference
     known = np.isfinite(truth).all(1) & np.isfinite(estimate).all(1) & np.isfinite(odometry).all(1)
     followed = np.isfinite(reference).all(1) & np.isfinite(truth).all(1)
     pieces = np.split(np.flatnonzero(followed), np.flatnonzero(np.any(np.diff(reference[followed], axis=0), axis=1)) + 1)
@@ -88,13 +84,7 @@ def metrics(trajectory: Drive) -> dict[str, Any]:
 
 
 def room_metrics(trajectory: Drive) -> dict[str, Any]:
-    """Return how an episode in a room ended by the true pose, as the environment judges it.
-
-    The first contact or arrival ends the episode; later ones are ignored.
-
-    Args:
-        trajectory: The drive, with clearance.
-    """
+    """Return how an episode in a room ended by the true pose, as the environment judges it: at the first contact or arrival."""
     poses = zip(trajectory.true_state.tolist(), trajectory.reference.tolist(), strict=True)
     at_goal = [at > 0 and arrived(State(*state), Pose(*goal), ROOM) for at, (state, goal) in enumerate(poses)]
     contact = trajectory.clearance < 0.0
@@ -106,11 +96,6 @@ def room_metrics(trajectory: Drive) -> dict[str, Any]:
         "end of the episode, s": float(trajectory.time[end]),
         "least clearance, m": float(np.nanmin(trajectory.clearance[: end + 1])),
     }
-
-
-def lines_of(figures: Mapping[str, Any]) -> list[str]:
-    """Return a line for each metric."""
-    return [f"{name:<32}{value:.3f}" if isinstance(value, float) else f"{name:<32}{value}" for name, value in figures.items()]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -153,7 +138,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, report: Path | None) -> int:
-    """Run the graph, and return the exit code."""
     code = 0
     try:
         with Graph(**chosen) as graph:
@@ -173,7 +157,8 @@ def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, repo
     except (ValueError, RuntimeError, OSError, ImportError) as error:
         go_on()  # an interrupted import may raise another error
         return refuse(error)
-    _tell(trajectory, latest, chosen, figure=figure, report=report)
+    if _was_driven(trajectory):
+        _tell(trajectory, latest, chosen, figure, report)
     return code
 
 
@@ -183,21 +168,13 @@ def _was_driven(drive: Drive) -> bool:
     return len(drive.time) > 1 and bool(np.logical_and.reduce(known).any())
 
 
-def _tell(
-    trajectory: Drive,
-    latest: dict[str, Any],
-    chosen: dict[str, Any],
-    *,
-    figure: Path | None,
-    report: Path | None,
-) -> None:
+def _tell(trajectory: Drive, latest: dict[str, Any], chosen: dict[str, Any], figure: Path | None, report: Path | None) -> None:
     """Print the metrics of a drive, and write the requested files."""
-    if not _was_driven(trajectory):
-        return
     figures = metrics(trajectory)
     if np.isfinite(trajectory.clearance).any():
         figures |= room_metrics(trajectory)
-    print("\n".join(lines_of(figures)))
+    for name, value in figures.items():
+        print(f"{name:<32}{value:.3f}" if isinstance(value, float) else f"{name:<32}{value}")
     if report:
         known = {name: value if math.isfinite(value) else None for name, value in figures.items()}
         write_text(report, json.dumps({"options": chosen, "metrics": known}, indent=2) + "\n")

@@ -113,8 +113,7 @@ class Graph:
         if parameters.get("fix", "none") not in NO_FIX:
             parameters = {"takes_fixes": True, **parameters}
         self._parameters = {name: self._for_node(name, pace, parameters) for name in self._names}
-        unknown = set(parameters).difference(*self._parameters.values())
-        if unknown:
+        if unknown := set(parameters).difference(*self._parameters.values()):
             raise ValueError(f"no node of mode {mode!r} has a parameter {', '.join(sorted(unknown))}.")
         self.in_room = parameters.get("world", "open") not in OPEN_GROUND
         """Whether the simulator is in a room."""
@@ -125,7 +124,6 @@ class Graph:
             raise ValueError(f"{error} It works at speed 1, in real time.") from None
 
     def _for_node(self, name: str, speed: float, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the parameters for a node."""
         known = {*load(name).Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame", "frame_prefix"}
         chosen = {key: value for key, value in parameters.items() if key in known}
         if name == "turtlebot_simulator":
@@ -143,13 +141,8 @@ class Graph:
         self._runner = Runner(domain=self._domain, executor=FastExecutor)
         self._runner.failed = self._failed.set
         try:
-            self._recorder = Recorder(
-                self._runner.context,
-                stamped=self._stamped,
-                lock_step=self._lock_step,
-                room=self.in_room,
-                namespace=self._namespace,
-            )
+            options: Any = {"stamped": self._stamped, "lock_step": self._lock_step, "room": self.in_room}
+            self._recorder = Recorder(self._runner.context, namespace=self._namespace, **options)
             self._runner.add(self._recorder)
             self.latest, self.reports = self._recorder.latest, self._recorder.reports
             self._start()
@@ -168,20 +161,11 @@ class Graph:
             self._processes = self._ending.enter_context(processes(nodes, words, domain))
             return
         for name in self._names:
-            block = load(name)
-            shell = Shell(
-                block,
-                block.Params,
-                name=name,
-                namespace=self._namespace,
-                context=self._runner.context,
-                overrides=self._parameters[name],
-                arguments=OWN_CLOCK,
-            )
-            self._runner.add(shell)
+            block, options = load(name), {"namespace": self._namespace, "context": self._runner.context}
+            given = self._parameters[name]
+            self._runner.add(Shell(block, block.Params, name=name, overrides=given, arguments=OWN_CLOCK, **options))
 
     def _come_up(self) -> None:
-        """Wait until the loop is closed, then reset it to the start."""
         if self._lock_step:  # time stands still at step 0 until the controller is enabled
             self._wait(lambda graph: graph._recorder.is_connected and graph._recorder.has_begun)
             self._ask("velocity_controller/enable", SetBool, SetBool.Request(data=True))
@@ -212,11 +196,7 @@ class Graph:
         return self._recorder.state
 
     def require_no_fault(self) -> None:
-        """Check that no node reports that its step failed.
-
-        Raises:
-            RuntimeError: If one does.
-        """
+        """Raise `RuntimeError` if a node reports that its step failed."""
         reports = {name: text for name, (_, text) in dict(self.reports).items()}
         for name, text in (("velocity_controller", self.state), *reports.items()):
             if "fault: " in text:
@@ -232,14 +212,10 @@ class Graph:
         return self._recorder.trajectory()
 
     def wait_until(self, condition: Callable[[Graph], Any], *, timeout: float | None = 60.0) -> None:
-        """Wait until a condition on the graph holds.
-
-        Args:
-            condition: A function of this graph.
-            timeout: Longest wait, s; None waits indefinitely.
+        """Wait until a function of this graph is true, at most for ``timeout``, s; None waits indefinitely.
 
         Raises:
-            TimeoutError: If it does not hold in time; the message has each node's report.
+            TimeoutError: If it is not true in time; the message has each node's report.
             RuntimeError: If a node's process, or the thread of the nodes, has ended.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
@@ -264,11 +240,7 @@ class Graph:
 
 
 def _fit_room(parameters: Mapping[str, Any], *, allow_mismatch: bool = False) -> dict[str, Any]:
-    """Return the parameters of a graph, with defaults that follow from its world.
-
-    Raises:
-        ValueError: If the policy is made for rooms and there is none, or the reverse, or for another task than the graph's.
-    """
+    """Return the parameters of a graph, with defaults by its world; raise `ValueError` if the policy does not fit."""
     world, name = parameters.get("world", "open"), parameters.get("policy", VelocityController.Params().policy)
     policy = make_policy(name, robot=parameters.get("robot", "burger"), dt=parameters.get("period", 0.1))
     names = {term.name for term in terms_of(policy) or ()}

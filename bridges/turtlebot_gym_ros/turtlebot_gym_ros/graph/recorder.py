@@ -51,14 +51,8 @@ ROOM_TOPICS: dict[str, type] = {"clearance": Clearance, "scan": Scan, "obstacles
 class Recorder:
     """A node that subscribes to all topics of the loop, the diagnostics and the controller's state.
 
-    Args:
-        context: The rclpy context.
-        stamped: Whether velocities travel as TwistStamped.
-        lock_step: Whether the graph is in lock-step: rows are then complete, and a leap of the stamps begins another episode.
-        room: Whether the simulator is in a room, and rows include the clearance.
-        topics: Topics to record, with their value types.
-        name: The node's name.
-        namespace: Namespace of the graph; diagnostics of nodes outside it are ignored. In the root all nodes count.
+    In lock-step rows are complete, and a leap of the stamps begins another episode; in a room they include the clearance.
+    Diagnostics of nodes outside the namespace are ignored; in the root all nodes count.
     """
 
     def __init__(
@@ -169,10 +163,9 @@ class Recorder:
             return (max(self._rows) - min(self._rows)) / 1e9 if self._rows else 0.0
 
     def trajectory(self) -> Drive:
-        """Return the drive so far, with NaN for missing values. In lock-step it ends with the last complete step.
+        """Return the drive so far, with NaN for missing values; in lock-step until the last complete step.
 
-        Raises:
-            RuntimeError: If in lock-step a step before that one was not heard as a whole.
+        Raises `RuntimeError` if a step of lock-step before that one was not heard as a whole.
         """
         with self._lock:
             first, end = (self._first, self._first + self._span) if self._lock_step else (-math.inf, math.inf)
@@ -189,7 +182,6 @@ class Recorder:
 
 
 def _columns(row: dict[str, Any]) -> dict[str, Any]:
-    """Return the columns of a drive in a row of values by topic."""
     columns: dict[str, Any] = {name: row[name] for name in ("true_state", "reference") if name in row}
     if "odom" in row:
         columns |= {"odometry": row["odom"].pose, "command": row["odom"].twist, "twist": row["odom"].twist}
@@ -202,7 +194,6 @@ def _columns(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _require_whole(rows: list[tuple[int, dict[str, Any]]], topics: int) -> None:
-    """Raise RuntimeError if a row is incomplete or missing."""
     stamps = [stamp for stamp, _ in rows]
     gaps = {after - before for before, after in pairwise(stamps)}
     if len(gaps) > 1 or any(len(row) < topics for _, row in rows):

@@ -40,11 +40,7 @@ def write_pose_covariance(covariance: Any, variances: Iterable[float], cross: It
 
 
 def fix_of(message: PoseWithCovarianceStamped) -> Fix:
-    """Return a fix.
-
-    Raises:
-        ValueError: If it states no covariance, or no pose.
-    """
+    """Return a fix; raise `ValueError` if it states no covariance, or no pose."""
     covariance = message.pose.covariance
     x, y, heading = (float(covariance[at]) for at in PLANAR_POSE)
     if not (LEAST <= x <= LARGEST and LEAST <= y <= LARGEST):
@@ -62,11 +58,7 @@ def fix_of(message: PoseWithCovarianceStamped) -> Fix:
 
 
 def initial_pose_of(message: PoseWithCovarianceStamped) -> InitialPose:
-    """Return the pose that a person or program shows.
-
-    Raises:
-        ValueError: If it is none, or its covariance is neither one nor all zeros.
-    """
+    """Return the pose that a person or program shows; raise `ValueError` if its covariance is neither one nor all zeros."""
     if any(message.pose.covariance):
         return InitialPose(*fix_of(message))
     return InitialPose(read_pose(message.pose.pose), BY_EYE, 0.0, True)
@@ -88,11 +80,7 @@ def fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
 
 
 def located_to_message(located: Located, header: Header) -> PoseWithCovarianceStamped:
-    """Return the message of a localizer's belief.
-
-    Raises:
-        ValueError: If the covariance is not finite.
-    """
+    """Return the message of a localizer's belief; raise `ValueError` if the covariance is not finite."""
     mean, P = located.belief
     finite("the covariance", P)
     return _pose_and_covariance(mean[:3], (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt), header)

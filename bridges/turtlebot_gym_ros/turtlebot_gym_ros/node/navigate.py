@@ -66,13 +66,7 @@ class NavigateToPose:
     """The server of the action, ``nav2_msgs/action/NavigateToPose``.
 
     A goal that is refused is accepted and aborted at once, since a rejection has no reason: the result carries the code of Nav2
-    for it, and the text, which the node logs, too.
-
-    Args:
-        node: The node.
-        block: The block that takes the goals.
-        read: Returns the pose of a message, or raises `ValueError` if it is refused.
-        frame: The world frame.
+    for it, and the text, which the node logs, too. ``read`` returns the pose of a message, or raises `ValueError`.
     """
 
     def __init__(self, node: Node, block: SendsGoals, read: Callable[[PoseStamped], Pose], frame: str) -> None:
@@ -112,7 +106,7 @@ class NavigateToPose:
         return CancelResponse.ACCEPT
 
     def look(self) -> None:
-        """Tell the clients how far the robot has come, or the outcome; call this after each step."""
+        """Tell the clients how far the robot has come, or the outcome, after each step."""
         over = [pair for pair in self._open if not pair[1].is_active]
         self._open = [pair for pair in self._open if pair[1].is_active]
         for handle, errand in over:
@@ -139,12 +133,7 @@ class NavigateToPose:
 
 
 def be_active(node: Node, name: str) -> None:
-    """Offer the service by which Nav2's clients ask whether one of its nodes is active: the state of a node that runs.
-
-    Args:
-        node: The node.
-        name: Name of the node of Nav2, without a namespace.
-    """
+    """Offer the service by which Nav2's clients ask whether its node of that name is active."""
 
     def answer(request: GetState.Request, response: GetState.Response) -> GetState.Response:
         response.current_state = State(id=State.PRIMARY_STATE_ACTIVE, label="active")
@@ -154,14 +143,7 @@ def be_active(node: Node, name: str) -> None:
 
 
 def offer(node: Node, block: object, feeds: Mapping[str, Feed], common: Common) -> NavigateToPose | None:
-    """Let a block that takes goals hear of those that are refused, and offer the action for it if its messages are installed.
-
-    Args:
-        node: The node.
-        block: Its block.
-        feeds: The block's inputs.
-        common: Names of the frames.
-    """
+    """Let a block that takes goals hear of those that are refused, and offer the action if its messages are installed."""
     if not isinstance(block, SendsGoals):
         return None
     feeds["goal"].on_refusal = block.refuse

@@ -40,8 +40,8 @@ class Outputs:
         self._publishers = {}
         for key, output in declared.items():
             qos = LATCHED if output.latched else LOCK_STEP if lock_step else STREAM if output.reliable else SENSOR
-            kind, options = self._ways[key].message, {"qos_overriding_options": overridable()}
-            self._publishers[key] = node.create_publisher(kind, output.topic, qos, **options)
+            kind, override = self._ways[key].message, overridable()
+            self._publishers[key] = node.create_publisher(kind, output.topic, qos, qos_overriding_options=override)
         newest = {key: f"{output.topic}/newest" for key, output in declared.items() if lock_step and output.newest}
         self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
         transformed = {key for key, output in declared.items() if output.transform}

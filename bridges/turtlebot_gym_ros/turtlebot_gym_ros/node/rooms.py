@@ -62,13 +62,11 @@ def _read_clearance(message: Range) -> Clearance:
 
 
 def _write_clearance(clearance: Clearance, header: Header) -> Range:
-    """Return a range in all directions, in single precision."""
     distance = float(clearance.distance)
     return Range(header=header, field_of_view=TURN, min_range=-math.inf, max_range=math.inf, range=distance)
 
 
 def _marker(header: Header, number: int, kind: int, at: tuple[float, float, float], scale: Sequence[float]) -> Marker:
-    """Return a visualization marker of a kind, at x, y, m, and a heading, rad, with its scale, m."""
     (x, y, heading), (length, width, height) = at, scale
     until = Duration(seconds=LIFETIME).to_msg()
     made = Marker(header=header, ns="obstacles", id=number, type=kind, action=Marker.ADD, color=GREY, lifetime=until)
@@ -78,7 +76,6 @@ def _marker(header: Header, number: int, kind: int, at: tuple[float, float, floa
 
 
 def _write_obstacles(room: Obstacles, header: Header) -> MarkerArray:
-    """Return the markers of a room: the walls as a line, circles as cylinders, boxes as cubes."""
     x, y, a, b = room.walls
     walls = _marker(header, 0, Marker.LINE_STRIP, (0.0, 0.0, 0.0), (LINE, 0.0, 0.0))
     corners = ((-a, -b), (a, -b), (a, b), (-a, b), (-a, -b))

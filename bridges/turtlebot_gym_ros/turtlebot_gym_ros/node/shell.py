@@ -269,11 +269,9 @@ class Shell:
                     self._log.error(f"no diagnostics: {error}")
 
     def _report(self, now: float) -> None:
-        problems = [NodeProblem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self.feeds.values() if feed.refusal]
-        problems += [NodeProblem(WARN, self._notice)] if self._notice else []
-        trouble = self._trouble and f"fault: {self._trouble}"
-        faults = self._drive.trouble(), trouble, getattr(self.block, "fault", None)
-        problems += [NodeProblem(ERROR, why) for why in faults if why]
+        remarks = [*(f"{feed.topic}: {feed.refusal}" for feed in self.feeds.values() if feed.refusal), self._notice]
+        faults = self._drive.trouble(), self._trouble and f"fault: {self._trouble}", getattr(self.block, "fault", None)
+        problems = [NodeProblem(WARN, why) for why in remarks if why] + [NodeProblem(ERROR, why) for why in faults if why]
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "results dropped": self._dropped}
         values |= getattr(self.block, "figures", {})

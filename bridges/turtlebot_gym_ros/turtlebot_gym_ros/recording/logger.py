@@ -74,10 +74,7 @@ class Parameters:
 
 
 class _LoggedTopic(NamedTuple):
-    """A recorded topic, with a subscription for each quality of service that its publishers have had.
-
-    No subscription is given up for another, since what is sent between the two would be lost.
-    """
+    """A recorded topic. No subscription is given up for another, since what is sent between the two would be lost."""
 
     kind: str
     write: Callable[..., None]
@@ -121,7 +118,6 @@ class DataLogger(Node):
         self.get_logger().info(f"recording to {self.folder}")
 
     def _unless_full(self, work: Callable[[], None]) -> None:
-        """Do some work of the recording, and end the recording if the disk refuses it."""
         if self._ended:
             return
         try:
@@ -185,11 +181,7 @@ class DataLogger(Node):
             )
 
     def _open(self, topic: str, kind: str, *, latched: bool) -> tuple[type, Connection]:
-        """Return a topic's type, and its place in the bag.
-
-        Raises:
-            ValueError, LookupError, ImportError, AttributeError, OSError: If the type is not installed.
-        """
+        """Return a topic's type, and its place in the bag; raise an error if the type is not installed."""
         if (topic, kind) not in self._opened:
             message, offered = message_type(kind), [_LATCHED] if latched else []
             _teach(self._types, kind)

@@ -59,11 +59,7 @@ def answered(main: Callable[[Any], int]) -> Callable[[Any], int]:
 
 
 def until(found: Callable[[], T | None], seconds: float, missing: Callable[[], str]) -> T:
-    """Return what ``found`` returns as soon as that is not None.
-
-    Raises:
-        TimeoutError: If that lasts longer, with the text of ``missing``.
-    """
+    """Return what ``found`` returns as soon as that is not None; after some seconds raise `TimeoutError` with ``missing``."""
     end = time.monotonic() + seconds
     while (value := found()) is None:
         go_on()
@@ -96,10 +92,6 @@ def settle(node: Node, seconds: float) -> None:
 
 
 def result_of(future: Any, name: str, seconds: float) -> Any:
-    """Return the result of a future.
-
-    Raises:
-        TimeoutError: If what has the name has not answered by then.
-    """
+    """Return the result of a future; raise `TimeoutError` if what has the name has not answered by then."""
     until(lambda: future.done() or None, seconds, lambda: f"{name} has not answered for {seconds:g} s.")
     return future.result()

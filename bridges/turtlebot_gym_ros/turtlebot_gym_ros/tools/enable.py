@@ -33,12 +33,7 @@ def enable(argv: Any = None) -> int:
 
 
 def _switch(node: Node, name: str, *, on: bool, seconds: float) -> None:
-    """Enable or disable a node, and print what it says.
-
-    Raises:
-        TimeoutError: If it does not answer.
-        ValueError: If there are several of its name, or it refuses.
-    """
+    """Enable or disable a node, and print what it says; raise an error if it does not answer, refuses, or there are several."""
     client = node.create_client(SetBool, f"{name}{ENABLE}")
     missing = f"there is no service {name}{ENABLE} after {seconds:g} s."
     until(lambda: client.service_is_ready() or None, seconds, lambda: missing + remark_if_alone(node))
@@ -54,9 +49,7 @@ def _switch(node: Node, name: str, *, on: bool, seconds: float) -> None:
 def switches(node: Node, seconds: float) -> list[str]:
     """Return the nodes of the only robot that can be enabled, the guard first.
 
-    Raises:
-        TimeoutError: If there are none.
-        ValueError: If there are several robots, or several nodes that drive.
+    Raises an error if there are none, several robots, or several nodes that drive.
     """
 
     def found() -> list[str] | None:

@@ -25,10 +25,7 @@ from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_i
 @answered
 def goal(argv: Any = None) -> int:
     """Send a goal by the action ``navigate_to_pose`` and await its outcome; where nobody serves it, on ``/goal_pose``."""
-    parser = parser_of(
-        "goal",
-        "Send the robot to a place, and wait until it is there, if the action navigate_to_pose is served.",
-    )
+    parser = parser_of("goal", "Send the robot to a place, and wait until it is there, if navigate_to_pose is served.")
     parser.add_argument("x", type=float, help="m")
     parser.add_argument("y", type=float, help="m")
     parser.add_argument("heading", type=float, nargs="?", default=0.0, help="rad (default: 0)")
@@ -42,9 +39,8 @@ def goal(argv: Any = None) -> int:
         header = Header(stamp=node.get_clock().now().to_msg(), frame_id=options.frame)
         pose = PoseStamped(header=header)
         write_pose(pose.pose, Pose(options.x, options.y, options.heading))
-        topic = f"{prefix}/goal_pose"
+        topic, action = f"{prefix}/goal_pose", f"{prefix}/{NAME}"
         publisher = node.create_publisher(PoseStamped, topic, STREAM)
-        action = f"{prefix}/{NAME}"
         settle(node, options.wait)
         if f"{action}/_action/send_goal" in dict(node.get_service_names_and_types()):
             try:
@@ -64,13 +60,9 @@ def goal(argv: Any = None) -> int:
 
 def _await(node: Node, client: Any, goal: Any, seconds: float) -> int:
     """Send a goal, print the way that is left, and return 0 if the robot arrives; Ctrl-C cancels the goal."""
-    said = [0.0]
 
     def show(message: Any) -> None:
-        now = time.monotonic()
-        if now > said[0] + 1.0:
-            said[0] = now
-            print(f"{message.feedback.distance_remaining:.2f} m left", flush=True)
+        print(f"{message.feedback.distance_remaining:.2f} m left   ", end="\r", flush=True)
 
     client.wait_for_server(timeout_sec=seconds)
     handle = result_of(client.send_goal_async(goal, feedback_callback=show), NAME, seconds)
@@ -86,9 +78,8 @@ def _await(node: Node, client: Any, goal: Any, seconds: float) -> int:
         time.sleep(0.3)  # the request must leave before the node ends
         raise
     result = outcome.result()
-    text = getattr(result.result, "error_msg", "")
     if result.status == GoalStatus.STATUS_SUCCEEDED:
         print("reached")
         return 0
-    print(f"not reached: {text or f'status {result.status}'}", file=sys.stderr)
+    print(f"not reached: {getattr(result.result, 'error_msg', '') or f'status {result.status}'}", file=sys.stderr)
     return 1

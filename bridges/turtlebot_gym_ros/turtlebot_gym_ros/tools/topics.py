@@ -7,13 +7,14 @@ import time
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy
 from std_msgs.msg import Bool
 
-from cmd_vel_guard.qos import STREAM
+from cmd_vel_guard.qos import LATCHED, STREAM
 from cmd_vel_guard.sources import node_name
 from turtlebot_gym_ros.base.names import absolute, message_type
 from turtlebot_gym_ros.base.process import go_on
+from turtlebot_gym_ros.base.qos import SENSOR
 from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, settle, until
 
 BUTTON_PERIOD = 0.1
@@ -50,11 +51,7 @@ def topics(argv: Any = None) -> int:
 
 
 def _echo(node: Node, topic: str, seconds: float, *, once: bool) -> int:
-    """Print the messages of a topic.
-
-    Raises:
-        TimeoutError: If there is no such topic; with ``once`` also if it says nothing.
-    """
+    """Print the messages of a topic; raise `TimeoutError` if there is none, or with ``once`` if it says nothing."""
 
     def known() -> str | None:
         return next((kinds[0] for name, kinds in node.get_topic_names_and_types() if name == topic), None)
@@ -68,14 +65,9 @@ def _echo(node: Node, topic: str, seconds: float, *, once: bool) -> int:
         heard.append(message)
 
     # A quality of service that hears every publisher, and the last value where all keep it.
-    offers = [info.qos_profile for info in node.get_publishers_info_by_topic(topic)]
-    latched = bool(offers) and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
-    reliable = bool(offers) and all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
-    profile = QoSProfile(
-        depth=100,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+    offers = [info.qos_profile.durability for info in node.get_publishers_info_by_topic(topic)]
+    latched = bool(offers) and set(offers) == {DurabilityPolicy.TRANSIENT_LOCAL}
+    profile = LATCHED if latched else SENSOR
     node.create_subscription(message_type(kind), topic, show, profile)
     until(lambda: heard or None, seconds if once else float("inf"), lambda: f"{topic} has said nothing for {seconds:g} s.")
     while not once:
