@@ -205,9 +205,9 @@ READ = [
     (FIX, "pose.covariance.35", 0.0, "the heading's variance"),
     (POSITION, "pose.pose.position.x", math.nan, "the pose must be finite"),
     (ODOMETRY, "pose.covariance.0", math.nan, "pose.covariance[0] is NaN: it states a variance, 0 if none is known"),
-    *((Nis(1.0), "status.0.values.0.value", text, "the nis must be a finite number") for text in ("nan", "inf", "", "much")),
-    (Nis(1.0), "status.0.values", [], "one value named 'nis', but has none"),
-    *((Nis(1.0, fits=0.5), "status.0.values.1.value", text, "the fits must be a finite number") for text in ("nan", "much")),
+    *((Nis(1.0), "status.0.values.0.value", text, "the NIS must be finite") for text in ("nan", "inf", "", "much")),
+    (Nis(1.0), "status.0.values", [], "one value named 'nis', and none twice"),
+    *((Nis(1.0, fits=0.5), "status.0.values.1.value", text, "the NIS must be finite") for text in ("nan", "much")),
 ]
 
 

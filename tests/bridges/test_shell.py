@@ -190,6 +190,6 @@ def test_a_robot_that_hears_another_type_of_command_is_named_before_what_follows
     assert speaker(peer, "odom", Odometry, "wheels").node is not None
     error = partial(said, "/doubting", DiagnosticStatus.ERROR)
     wait_for(lambda: "the robot does not move" in error() and "/cmd_vel" in error())
-    wrong = f"/cmd_vel: /peer subscribes to geometry_msgs/msg/{heard.__name__}, this node uses "
+    wrong = f"/cmd_vel: /peer has geometry_msgs/msg/{heard.__name__}, this node "
     assert error().startswith(wrong)
     assert f"-p enable_stamped_cmd_vel:={'false' if stamped else 'true'} fault: ValueError: " in error()
