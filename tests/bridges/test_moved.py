@@ -71,7 +71,7 @@ def test_a_robot_that_is_blocked_is_noticed_within_1_s(noise):
     def blocked(pose, twist, now, speed):
         return (pose, STOP) if noise in ("clean", "wheel", "rough") else (SHAKE(pose), STOP)
 
-    for command in (AHEAD, SPIN):
+    for command in (AHEAD, SPIN, Command(0.0, 0.35)):
         at, why = alarm(Kind(noise=noise), 8.0, 1, spoil=after(5.0, blocked), drive=from_rest(command))
         assert at <= 6.0
         assert why in (DEAD, *BLOCKED)
@@ -138,6 +138,11 @@ def test_the_recorded_drive_of_a_real_turtlebot3_is_not_stopped():
 
 def test_no_healthy_robot_is_stopped():
     assert first_alarms(25.0, seed=7) == {}
+
+
+def test_a_robot_that_brakes_one_wheel_slowly_is_not_stopped():
+    ahead, pivot = Command(0.15, 0.0), Command(-0.05, 2.5)
+    assert alarm(KINDS["slower"], 60.0, 1, drive=lambda at: ahead if at % 12.0 < 6.0 else pivot) is None
 
 
 CLOSE = {"start delay": "clean", "slow": "clean", "late": "clean", "slip": "wheel", "pushed": "wheel"}

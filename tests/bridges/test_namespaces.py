@@ -3,10 +3,8 @@
 import os
 
 import pytest
-from rclpy.node import Node
 
 from cmd_vel_guard.discovery import prepare
-from cmd_vel_guard.process import Runner
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.base.names import absolute, prefix_of, remapping
 
@@ -103,12 +101,3 @@ def test_what_was_asked_for_stays(environment, asked):
 def test_the_guard_serves_the_network(environment):
     prepare(local=False)
     assert RANGE not in environment
-
-
-def test_a_runner_beside_another_shares_its_context_and_leaves_it_open(runner):
-    beside = Runner(beside=runner)
-    beside.add(guest := Node("guest", context=beside.context))
-    beside.start()
-    assert guest.context is runner.context
-    beside.close()
-    assert runner.context.ok()

@@ -188,13 +188,7 @@ class Arbiter:
             self._hold_until = now + HOLD
 
     def enable(self, on: bool, now: float, *, buttons: int = 0) -> str:
-        """Let commands sent from now on pass, or stop; return the reason for a refusal, or an empty text.
-
-        Args:
-            on: Whether commands may pass.
-            now: Current steady time, s.
-            buttons: Number of publishers of the emergency stop.
-        """
+        """Let commands sent from now on pass, or stop; return why not, by the number of the buttons' publishers."""
         self._wake(now)
         if on and (why := self.buttons.refusal(now, buttons, required=self._p.require_emergency_stop)):
             return why

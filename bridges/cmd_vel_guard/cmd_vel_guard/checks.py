@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, get_type_hints
-
-TINIEST = 1e-100
-"""Least magnitude of a number besides 0: products and ratios of a few such numbers are finite."""
 
 
 @dataclass(frozen=True)
@@ -19,22 +15,18 @@ class Range:
     high: float
     open_low: bool = False
     unit: str = ""
-    infinite: bool = False
-    """Whether infinity is allowed besides."""
 
     def check(self, name: str, value: Any) -> float:
         """Return a number as a float, or raise `ValueError`."""
         number = float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else math.nan
         inside = self.low < number <= self.high if self.open_low else self.low <= number <= self.high
-        if not inside and not (self.infinite and number == math.inf):
+        if not inside:
             raise ValueError(f"{name} must be {self}, got {value!r}.")
-        if 0.0 < abs(number) < TINIEST:
-            raise ValueError(f"{name} must be 0 or at least {TINIEST:g} in size, got {value!r}.")
         return number
 
     def __str__(self) -> str:
         text = f"above {self.low:g} and at most {self.high:g}" if self.open_low else f"from {self.low:g} to {self.high:g}"
-        return f"a number {text}" + (f" {self.unit}" if self.unit else "") + (", or infinite" if self.infinite else "")
+        return f"a number {text}" + (f" {self.unit}" if self.unit else "")
 
 
 @dataclass(frozen=True)
@@ -53,12 +45,6 @@ class Names:
         return f"one of {', '.join(self.names)}"
 
 
-def _flag(name: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"{name} must be True or False, got {value!r}.")
-    return value
-
-
 def rules(kind: type) -> dict[str, Any]:
     """Return the rules that are declared beside the fields of a class of parameters, ``Annotated[float, Range(...)]``.
 
@@ -72,13 +58,12 @@ def rules(kind: type) -> dict[str, Any]:
 def check(owner: Any) -> None:
     """Check the fields of a frozen dataclass, in its ``__post_init__``, and make numbers floats.
 
-    Raises:
-        ValueError: If a field is of another type or breaks its rule; the message names the field.
+    A field of another type, or that breaks its rule, raises `ValueError` with its name.
     """
     hints, declared = get_type_hints(type(owner)), rules(type(owner))
     for item in fields(owner):
-        rule: Callable[[str, Any], Any] | None = _flag if hints[item.name] is bool else None
+        value = getattr(owner, item.name)
         if item.name in declared:
-            rule = declared[item.name].check
-        if rule is not None:
-            object.__setattr__(owner, item.name, rule(item.name, getattr(owner, item.name)))
+            object.__setattr__(owner, item.name, declared[item.name].check(item.name, value))
+        elif hints[item.name] is bool and not isinstance(value, bool):
+            raise ValueError(f"{item.name} must be True or False, got {value!r}.")

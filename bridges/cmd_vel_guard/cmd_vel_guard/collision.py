@@ -99,13 +99,10 @@ class View(NamedTuple):
 
 
 def read(scan: RawScan, body: Footprint, limits: Limits) -> Beams:
-    """Return the beams of a scan.
+    """Return the beams of a scan, or raise `ValueError` with one line if it cannot be read, or is of another frame.
 
     A LiDAR reports that nothing returned for objects nearer than its ``range_min`` too, so that distance must lie inside the
     stop zone: on a Burger, 0.12 m of an LDS-01 do, since its stop zone begins at 0.155 m.
-
-    Raises:
-        ValueError: With one line, if the scan cannot be read, or is of another frame.
     """
     mount = body.scan
     if mount.frame not in (scan.frame, scan.frame.rsplit("/", 1)[-1]):  # without a configured prefix, any is accepted
@@ -123,15 +120,10 @@ def read(scan: RawScan, body: Footprint, limits: Limits) -> Beams:
 
 
 def view_of(beams: Beams, body: Footprint, limits: Limits, *, reach: float, narrow: float, room: float = 0.0) -> View:
-    """Return what a scan says.
+    """Return what the beams of a scan say.
 
-    Args:
-        beams: Its beams.
-        body: Mount and footprint.
-        limits: The stop zone.
-        reach: Distance from the footprint's centre beyond which stop zones are left out, m.
-        narrow: Angle up to which a gap is narrow, rad; see `beams.narrow_gap`.
-        room: Free distance before the stop zone of a wide gap, m.
+    Stop zones beyond ``reach`` from the footprint's centre, m, are left out. A gap is narrow up to an angle, rad, see
+    `beams.narrow_gap`; before the stop zone of a wider one, ``room`` is free, m.
     """
     away = math.hypot(body.scan.x - body.center_x, body.scan.y)
     returned = np.isfinite(beams.ranges)
@@ -184,16 +176,8 @@ def _solid(
     """Return points for a gap that is solid from a border on: on the border, just behind it, and on both edges.
 
     Their stop zones hold those of all points in the gap: on the way to one, the border or an edge is crossed, and the error, a
-    share of the range, grows more slowly than the range.
-
-    Args:
-        first: Direction of the first missing beam, rad.
-        last: Direction of the last one, rad.
-        border: Ranges at directions, m.
-        spacing: Angle between two beams, rad.
-        far: Range beyond which nothing counts, m.
-        body: Mount and footprint.
-        limits: The stop zone.
+    share of the range, grows more slowly than the range. ``first`` and ``last`` are the directions of the missing beams at its
+    ends, rad; nothing counts beyond ``far``, m.
     """
     missing = min(round((last - first) / spacing), MOST)
     at_beams = border(np.linspace(first, last, missing + 1))
@@ -220,15 +204,8 @@ def times_to_contact(points: NDArray[np.float64], command: Command, center_x: fl
         a T^2 - 2 h T + A = 0,   A = u u - r^2,   h = u . velocity of the centre,   a = (omega q)(omega g) + A omega^2 / 4
 
     where ``q`` and ``g`` lead from the arc's centre to the point and to the circle's centre. There is no division by the
-    turning rate, so arcs may be arbitrarily straight: with ``omega = 0`` it is the quadratic of a straight line.
-
-    Args:
-        points: Shape (3, n): see `View`.
-        command: m/s, rad/s.
-        center_x: The circle's centre, m.
-
-    Returns:
-        Shape (n,), s. From inside: 0 if the circle's centre comes nearer to the point, else infinite.
+    turning rate, so arcs may be arbitrarily straight: with ``omega = 0`` it is the quadratic of a straight line. From inside,
+    the time is 0 if the circle's centre comes nearer to the point, else infinite.
     """
     v, omega = command
     x, y, radius = points
@@ -251,15 +228,9 @@ def times_to_contact(points: NDArray[np.float64], command: Command, center_x: fl
 
 
 def limited(points: NDArray[np.float64], command: Command, center_x: float, limits: Limits) -> Command:
-    """Return a command slowed down as the obstacles require, on the same arc.
+    """Return a command slowed down on the same arc as obstacles require, shape (3, n), see `View`.
 
     Turning on the spot does not move a footprint that is round about the axle, so it is always allowed.
-
-    Args:
-        points: Shape (3, n): see `View`.
-        command: m/s, rad/s.
-        center_x: The footprint's centre, m.
-        limits: See there.
     """
     speed = math.hypot(command.v, command.omega * center_x)
     away = gaps(points, center_x)

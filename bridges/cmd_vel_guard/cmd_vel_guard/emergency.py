@@ -87,15 +87,7 @@ class EmergencyStop:
     def hear(
         self, pressed: bool, *, now: float, sent: float | None = None, number: int | None = None, prompt: bool = False
     ) -> None:
-        """Take a button's message.
-
-        Args:
-            pressed: Value of the message.
-            now: Time of reception.
-            sent: Time of sending, if known to be earlier.
-            number: The publisher's number of the message; None if there is none.
-            prompt: Whether it was heard promptly; otherwise reliably.
-        """
+        """Take a button's message, received ``now`` promptly or reliably, with the time of sending and its number, if known."""
         sent = now if sent is None else min(sent, now)
         number = None if number == UNNUMBERED else number
         if pressed:
@@ -182,13 +174,7 @@ class EmergencyStop:
         return ""
 
     def refusal(self, now: float, publishers: int, *, required: bool = False) -> str:
-        """Return why the robot must not be released, or an empty text.
-
-        Args:
-            now: Current steady time, s.
-            publishers: Number of publishers of the topic; once a button was heard, all of them must be heard.
-            required: Whether at least one button must be heard.
-        """
+        """Return why the robot must not be released, if so; once a button was heard, all publishers must be heard."""
         alive = self._alive(now)
         if required and not self.heard:
             return NONE_HEARD

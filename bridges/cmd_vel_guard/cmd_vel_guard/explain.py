@@ -25,13 +25,7 @@ def descriptions(kind: type) -> dict[str, str]:
 
 
 def explain(program: str, docstring: str | None, *kinds: type) -> str:
-    """Return the help of a node.
-
-    Args:
-        program: How it is started: "python -m turtlebot_gym_ros kalman_filter".
-        docstring: What it does.
-        *kinds: Dataclasses of its parameters; of two with the same name the later one counts.
-    """
+    """Return the help of a node: how it is started, what it does, and its parameters, by their dataclasses."""
     texts = {name: text for kind in kinds for name, text in descriptions(kind).items()}
     defaults = {item.name: item.default for kind in kinds for item in fields(kind) if item.default is not MISSING}
     lines = [f"usage: {program} [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]", "", inspect.cleandoc(docstring or "")]

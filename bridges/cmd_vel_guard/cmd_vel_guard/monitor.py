@@ -53,19 +53,10 @@ class Timing(NamedTuple):
 
 
 class Monitor:
-    """Limit commands by the newest scan.
+    """Limit commands by the newest scan; ``now`` is a steady time, s, ``speed`` and ``turning`` are the robot's greatest ones.
 
-    ``now`` is a steady time, s.
-
-    Args:
-        body: Footprint and mount.
-        limits: Distances to keep.
-        timing: Timing of scans.
-        speed: The robot's greatest speed, m/s ...
-        turning: ... and turning rate, rad/s.
-        now: Current steady time, s.
-        given: Whether a person stated the mount, so that another in ``/tf_static`` is refused.
-        mount_of: Returns the pose of a frame on the robot by ``/tf_static``, None if that does not state it.
+    ``mount_of`` returns the pose of a frame on the robot by ``/tf_static``, None if that does not state it. If the mount is
+    ``given`` by a person, another one there is refused.
     """
 
     def __init__(
@@ -117,11 +108,7 @@ class Monitor:
         self._unknown = out_of(self.track.at(sent).pose, view.unknown)
 
     def _mounted(self, frame: str) -> Footprint:
-        """Return the body with the mount of a scan's frame, and set the remark.
-
-        Raises:
-            ValueError: With one line, if ``/tf_static`` states no usable mount, or another one than a person.
-        """
+        """Return the body with the mount of a scan's frame, and set the remark; raise `ValueError` if a person gave another."""
         stated, mount = self._mount_of(frame), self._body.scan
         self.remark = ""
         if stated is None or (mount.frame in (frame, frame.rsplit("/", 1)[-1]) and not differ(stated, Pose(*mount[1:]))):

@@ -97,8 +97,6 @@ class Moved:
         if not math.isfinite(sum(pose) + sum(twist) + at) or at <= self.at:
             return ""  # it says nothing, and in time is stale
         gap, self.at = min(at - self.at, SETTLED), at
-        if gap > WINDOW:
-            self._window.clear()
         self._window.append((at, pose, twist))
         while self._window[0][0] < at - WINDOW - 1e-3:
             self._window.popleft()

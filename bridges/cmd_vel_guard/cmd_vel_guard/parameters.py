@@ -116,13 +116,7 @@ class Parameters:
 
 
 def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]) -> Monitor | None:
-    """Return the collision monitor, if it is switched on.
-
-    Args:
-        p: The guard's parameters.
-        now: Current steady time, s.
-        mount_of: See `Monitor`.
-    """
+    """Return the collision monitor, if it is switched on; see `Monitor`."""
     if not p.monitors:
         return None
     timing = Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)

@@ -37,13 +37,8 @@ SPIN = 0.03
 class Runner:
     """A context, and an executor that runs nodes in the thread that calls `spin_once`, or in one of its own.
 
-    Args:
-        arguments: Command line, whose part after ``--ros-args`` applies to all its nodes.
-        domain: ROS domain; None for that of the environment.
-        executor: Type of the executor.
-        local: Whether discovery stays on this machine unless the environment says otherwise.
-        beside: Another runner, whose context, with its arguments and domain, it shares and leaves open. On a busy machine the
-            nodes of a new context hear nothing for up to 3 s, those of a known one after milliseconds.
+    The part of the arguments after ``--ros-args`` applies to all its nodes. Without a domain it is that of the environment.
+    Discovery stays on this machine if ``local``, unless the environment says otherwise.
     """
 
     def __init__(
@@ -53,15 +48,12 @@ class Runner:
         domain: int | None = None,
         executor: type[Executor] = SteadyExecutor,
         local: bool = True,
-        beside: Runner | None = None,
     ) -> None:
         prepare(local=local)
-        self.context = beside.context if beside else Context()
-        self._owns_context = not beside
-        if not beside:
-            # rclpy's own signal handlers end the context first, and then no zeros can be sent.
-            options = SignalHandlerOptions.NO
-            rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
+        self.context = Context()
+        # rclpy's own signal handlers end the context first, and then no zeros can be sent.
+        options = SignalHandlerOptions.NO
+        rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
         self._executor = executor(context=self.context)
         self._running: list[Any] = []
         self._closing = False
@@ -83,11 +75,7 @@ class Runner:
         self._executor.add_node(node)
 
     def require_names(self) -> None:
-        """Check that each node has a name of its own.
-
-        Raises:
-            ValueError: If two have the same: a remapping of ``__node`` is for all of them.
-        """
+        """Raise `ValueError` if two nodes have the same name: a remapping of ``__node`` is for all of them."""
         names = [getattr(runnable, "node", runnable).get_fully_qualified_name() for runnable in self._running]
         if twice := next((name for name in names if names.count(name) > 1), None):
             raise ValueError(f"two nodes are called {twice}: rename one of them by -r NODE:__node:=NAME.")
@@ -133,7 +121,7 @@ class Runner:
             if isinstance(runnable, Node) or not hasattr(runnable, "close"):
                 getattr(runnable, "node", runnable).destroy_node()
         self._running.clear()
-        if self._owns_context and self.context.ok():
+        if self.context.ok():
             self.context.shutdown()
 
 
@@ -160,19 +148,10 @@ def run(
 ) -> int:
     """Run nodes in one process until a signal ends it. Call it in the main thread.
 
-    Args:
-        makes: Make a node each, in a ``context``; a ValueError, TypeError, OSError, ImportError or RuntimeError refuses its
-            arguments. See `Runner.add` for what a node may have.
-        argv: Command line without the program's name; None for that of the process.
-        executor: Type of the executor.
-        in_thread: Whether callbacks run in a thread of their own, so that even a stuck one does not keep the process from
-            ending; else in this one.
-        local: Whether discovery stays on this machine unless the environment says otherwise.
-        lifelines: Files at whose end the process is asked to end, besides that of the process that started it, see `session`.
-
-    Returns:
-        The exit code 2, with one line on stderr, if the arguments were refused. Otherwise the process ends: with code 0, or 1
-        after an error in a callback.
+    Each of ``makes`` makes a node in a ``context``; an error refuses its arguments: exit code 2, with one line on stderr.
+    Otherwise the process ends: with code 0, or 1 after an error in a callback. Callbacks run in this thread, or in one of their
+    own, so that even a stuck one does not keep the process from ending. The process is also asked to end when one of the
+    lifelines ends, see `session`.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     failures: list[int] = []

@@ -23,14 +23,7 @@ RECENT = 2.0
 
 
 class Report:
-    """The diagnostics of the guard.
-
-    Args:
-        node: The guard's node.
-        arbiter: The guard's decisions.
-        parameters: The guard's parameters.
-        velocity: Message type of its commands.
-    """
+    """The diagnostics of the guard's node and decisions; ``velocity`` is the message type of its commands."""
 
     def __init__(self, node: Node, arbiter: Arbiter, parameters: Parameters, velocity: type) -> None:
         self._node, self._arbiter, self._p, self._type = node, arbiter, parameters, velocity
@@ -51,12 +44,7 @@ class Report:
         self._arbiter.halt(self._failed[1])
 
     def message(self, now: float, *, robots: int) -> DiagnosticArray:
-        """Return the diagnostics of this second, and log new problems.
-
-        Args:
-            now: Current steady time, s.
-            robots: Number of listeners to the commands.
-        """
+        """Return the diagnostics of this second, and log new problems; ``robots`` listen to the commands."""
         node = self._node
         level, text = self._problem(now, robots)
         if text != self._said:

@@ -39,15 +39,7 @@ def sturdy(node: Node, name: str, serve: Callable[[Any, Any], Any]) -> Callable[
 
 
 def report(node: Node, level: bytes, text: str, *, hardware: str, values: Mapping[str, object]) -> DiagnosticArray:
-    """Return a node's diagnostics of this moment.
-
-    Args:
-        node: The node.
-        level: `OK`, `WARN` or `ERROR`.
-        text: One line.
-        hardware: Name of the robot.
-        values: Figures by name.
-    """
+    """Return a node's diagnostics of this moment: its level, one line, and figures by name; ``hardware`` names the robot."""
     failed = _FAILED.get(node, {})
     values = {**values, **failed}
     if last := failed.pop(_LAST, None):

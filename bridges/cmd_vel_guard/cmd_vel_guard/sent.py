@@ -65,13 +65,7 @@ class Age(NamedTuple):
         return max(self.sent, self.measured - lasts)
 
     def complaint(self, limit: float, *, lasts: float = 0.0, sent: float = math.inf) -> str:
-        """Return in one line why a message does not count, or an empty text.
-
-        Args:
-            limit: Largest age since the measurement, s.
-            lasts: See `since`.
-            sent: Largest age since it was sent, s.
-        """
+        """Return why a message does not count, or an empty text, by its largest ages since measurement and since sending, s."""
         if self.refusal:
             return self.refusal
         if self.since(lasts) > limit:
@@ -127,11 +121,7 @@ class _Sender:
 
 
 class Ages:
-    """The ages of one input's messages.
-
-    Args:
-        clock: This computer's clock.
-    """
+    """The ages of one input's messages, by this computer's clock."""
 
     def __init__(self, clock: SystemClock) -> None:
         self._clock = clock
@@ -143,13 +133,7 @@ class Ages:
         self._steps = self._clock.steps
 
     def age_of(self, info: Mapping[str, Any], header: Any, now: float) -> Age:
-        """Return the age of a message.
-
-        Args:
-            info: The message's info, as rclpy passes it to a callback with two arguments.
-            header: Header of the message; None if it has none or is ignored.
-            now: The steady time, s.
-        """
+        """Return the age of a message at a steady time, s, by its info from rclpy and its header, if that counts."""
         stamp = 0.0 if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9
         source, arrival = (info[name] * 1e-9 for name in ("source_timestamp", "received_timestamp"))
         return self.age(steady=now, source=source, arrival=arrival, header=stamp)

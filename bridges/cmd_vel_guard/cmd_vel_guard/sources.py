@@ -27,14 +27,7 @@ COMMANDS = "cmd_vel", "cmd_vel_in", "cmd_vel_teleop"
 
 
 def check_topics(resolve: Callable[[str], str]) -> None:
-    """Refuse remappings by which the guard would obey itself, or take one source for two.
-
-    Args:
-        resolve: Returns the full name of a topic, as remapped.
-
-    Raises:
-        ValueError: With one line.
-    """
+    """Refuse remappings, which ``resolve`` knows, by which the guard would obey itself, or take one source for two."""
     for first, second in combinations(COMMANDS, 2):
         if (topic := resolve(first)) == resolve(second):
             why = "obey its own commands" if first == COMMANDS[0] else "take a program for a person"
@@ -54,12 +47,8 @@ def hear_mounts(
 ) -> Callable[[str], Pose | None]:
     """Subscribe a node to ``/tf_static``, and return `StaticFrames.mount` for the robot's frame.
 
-    The type of its messages comes with a ROS installation and is not on PyPI; without it, no mount is ever stated.
-
-    Args:
-        node: The node.
-        body: The robot's frame, with its prefix.
-        wrap: Returns the callback for a message and its info that stands around the given one.
+    The type of its messages comes with a ROS installation and is not on PyPI; without it, no mount is ever stated. ``wrap``
+    returns the callback for a message and its info that stands around the given one.
     """
     frames = StaticFrames()
 
