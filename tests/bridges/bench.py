@@ -16,12 +16,8 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from cmd_vel_guard.qos import LATCHED
-from cmd_vel_guard.sources import type_name
 from turtlebot_gym.values import STOP, Command, State
 from turtlebot_gym_ros import Input, On, Output, Shell
-from turtlebot_gym_ros.blocks.simulator import FIX_OUTPUTS, MAP_OUTPUTS, ROOM_OUTPUTS
-from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.nodes import BLOCKS, load
 
 POLICIES = """
 import time
@@ -30,31 +26,8 @@ import numpy as np
 def ahead(observation):
     return np.array([0.5, 0.0], np.float32)
 
-def raises(observation, calls=[]):
-    calls.append(1)
-    if len(calls) > 5:
-        raise ValueError("too clever")
-    return ahead(observation)
-
-def exits(observation, calls=[]):
-    calls.append(1)
-    if len(calls) > 5:
-        raise SystemExit(3)
-    return ahead(observation)
-
-def invents(observation):
-    return np.array([np.nan, 0.0])
-
-def shouts(observation):
-    return np.ones(3)
-
-def blocks(observation, calls=[]):
-    calls.append(1)
-    if len(calls) > 3:
-        time.sleep(3600.0)
-    return ahead(observation)
 """
-"""Policies that drive, fail and block, as a module."""
+"""A policy, as a module."""
 
 
 def node(name, *parameters, words=()):
@@ -99,15 +72,6 @@ def wait_for(what):
             pytest.fail(f"waited {PATIENCE} s in vain")
         time.sleep(0.005)
     return value
-
-
-def said_types():
-    """Return the type of each topic that a block publishes, in a room and with fixes, as the graph writes it."""
-    kinds = {f"/{output.topic}": output.type for name in BLOCKS for output in load(name).outputs.values()}
-    kinds |= {
-        f"/{output.topic}": output.type for output in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values(), *FIX_OUTPUTS.values())
-    }
-    return {topic: type_name(conversion(kind).message) for topic, kind in kinds.items()}
 
 
 class FakeTime:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from turtlebot_gym import values
@@ -135,26 +134,6 @@ def test_a_type_of_ones_own_can_be_registered():
         conversion(Goal)
     register(Goal, PoseStamped, lambda message: Goal(), lambda value, header: PoseStamped(header=header))
     assert conversion(Goal).message is PoseStamped
-
-
-def test_the_covariances_of_a_message_place_by_place():
-    message = write(Estimate(BELIEF, 0.0, 2.0))
-    assert (type(message), message.header.frame_id) == (Odometry, "odom")
-    assert (message.pose.pose.position.x, message.pose.pose.position.y) == (1.0, 2.0)
-    assert message.pose.pose.orientation.z == pytest.approx(0.5)
-    assert (message.twist.twist.linear.x, message.twist.twist.angular.z) == (0.4, -0.5)
-    pose, twist = np.zeros((6, 6)), np.zeros((6, 6))
-    pose[X, X], pose[Y, Y], pose[YAW, YAW] = 0.11, 0.22, 0.33
-    pose[X, Y] = pose[Y, X] = 0.12
-    pose[X, YAW] = pose[YAW, X] = 0.13
-    pose[Y, YAW] = pose[YAW, Y] = 0.23
-    twist[X, X], twist[YAW, YAW] = 0.44, 0.55
-    twist[X, YAW] = twist[YAW, X] = 0.0
-    for part, unknown in ((pose, (Z, ROLL, PITCH)), (twist, (Y, Z, ROLL, PITCH))):
-        for at in unknown:
-            part[at, at] = -1.0  # not known, instead of 0, which would be certain
-    np.testing.assert_array_equal(np.reshape(message.pose.covariance, (6, 6)), pose)
-    np.testing.assert_array_equal(np.reshape(message.twist.covariance, (6, 6)), twist)
 
 
 FIX = Fix(Pose(1.0, 2.0, 0.5), (0.01, 0.02, 0.03), 0.0, True)

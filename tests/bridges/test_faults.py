@@ -4,7 +4,6 @@ All are real processes; the test is the robot, and the independent listener on `
 robot it hears zeros and nothing else, no other process ends, and once all is well again and enabled, the robot drives on.
 """
 
-import os
 import signal
 import subprocess
 import sys
@@ -16,30 +15,14 @@ from bench import guarded, odometry
 from burger import WORDS
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
-from std_msgs.msg import String
 from std_srvs.srv import SetBool
-
-from cmd_vel_guard.qos import LATCHED
 
 pytestmark = guarded
 
-POLICY = """
-import time
-from pathlib import Path
-import numpy as np
-
-def drive(observation):
-    fault = Path("fault").read_text()
-    if fault == "raise":
-        raise RuntimeError("out of ideas")
-    while fault == "block" and Path("fault").read_text() == fault:
-        time.sleep(0.01)
-    return np.array([np.nan if fault == "nan" else 0.5, 0.0], np.float32)
-"""
 COMMANDS = {
     "kalman_filter": ["noise:=clean"],
     "waypoint_generator": ["waypoints:=far.csv"],
-    "velocity_controller": ["policy:=policy:drive"],
+    "velocity_controller": ["policy:=bearing"],
     "cmd_vel_guard": WORDS[1::2],
 }
 
@@ -49,12 +32,8 @@ class Robot:
 
     def __init__(self, peer, wait_for, folder):
         self.peer, self.wait_for, self.folder = peer, wait_for, folder
-        (folder / "policy.py").write_text(POLICY)
         (folder / "far.csv").write_text("1000,0,0\n")
-        self.set_policy("")
         self.commands = peer.hear("cmd_vel", TwistStamped)
-        self.states = peer.hear("velocity_controller/state", String, LATCHED)
-        self.estimates = peer.hear("estimate", Odometry)
         self.processes = {}
         self.x = 0.0
         self.spoil = lambda message: message
@@ -67,16 +46,11 @@ class Robot:
         for name in COMMANDS:
             self.start(name)
 
-    def set_policy(self, fault):
-        (self.folder / "fault.new").write_text(fault)
-        os.replace(self.folder / "fault.new", self.folder / "fault")
-
     def start(self, name, remap="cmd_vel:=cmd_vel_in"):
         parameters = [word for parameter in COMMANDS[name] for word in ("-p", parameter)]
         remapping = ["-r", remap] if name == "velocity_controller" else []
         arguments = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *parameters, *remapping]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(self.folder), os.environ.get("PYTHONPATH", "")])}
-        self.processes[name] = subprocess.Popen(arguments, cwd=self.folder, env=environment)
+        self.processes[name] = subprocess.Popen(arguments, cwd=self.folder)
 
     def _run(self):
         while not self._over.wait(0.05):
@@ -169,11 +143,8 @@ def moved_at(robot):
     ("name", "duration"),
     [
         ("velocity_controller", 1.2),
-        *(
-            pytest.param(name, duration, marks=pytest.mark.nightly)
-            for name in ("velocity_controller", "kalman_filter")
-            for duration in (0.6, 1.2, 1.8, 3.2)
-        ),
+        pytest.param("velocity_controller", 3.2, marks=pytest.mark.nightly),
+        pytest.param("kalman_filter", 1.2, marks=pytest.mark.nightly),
     ],
 )
 def test_a_node_that_was_suspended_while_its_source_died_moves_nothing_when_it_goes_on(robot, name, duration):
@@ -197,26 +168,12 @@ def test_a_node_that_was_suspended_while_its_source_died_moves_nothing_when_it_g
     robot.wait_for(lambda: robot.speeds[-1] > 0.09)
 
 
-@pytest.mark.parametrize("fault", ["block", *(pytest.param(fault, marks=pytest.mark.nightly) for fault in ("raise", "nan"))])
-def test_a_policy_that_fails_stops_the_robot(robot, fault):
-    robot.drive()
-    robot.set_policy(fault)
-    try:
-        robot.stops()
-        robot.wait_for(lambda: "fault" in robot.states[-1].data)
-        robot.check_alive()
-    finally:
-        robot.set_policy("")
-    robot.drive()
-
-
 ENDINGS = [
     ("velocity_controller", signal.SIGKILL),
     *(
         pytest.param(name, number, marks=pytest.mark.nightly)
         for name in ("velocity_controller", "kalman_filter", "waypoint_generator")
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL, signal.SIGSTOP)
-        if (name, number) != ("velocity_controller", signal.SIGKILL)
+        for number in (signal.SIGTERM, signal.SIGSTOP)
     ),
 ]
 

@@ -119,13 +119,6 @@ def test_a_step_waits_for_all_that_belongs_to_it_and_for_nothing_else():
     assert rule.hear("goal", stamps | {"goal": 9 * S}) == (Turn.WAIT, None)
 
 
-def test_only_the_triggers_repetition_is_answered_again():
-    rule = answers(course="same", reference="same")
-    stamps = {"course": S, "estimate": S, "reference": S}
-    rule.answer(S)
-    assert [rule.hear(key, stamps)[0] for key in stamps] == [Turn.WAIT, Turn.REPEAT, Turn.WAIT]
-
-
 def test_a_leap_of_the_stamps_is_a_new_episode_ahead_and_back():
     rule = answers()
     for stamp in (S, S + TENTH):
@@ -146,12 +139,6 @@ def test_a_block_that_steps_more_rarely_answers_the_steps_between_with_its_last_
         turns.append(rule.hear("estimate", {"estimate": stamp})[0])
         rule.answer(stamp)
     assert turns == [Turn.STEP, Turn.HOLD] * 3
-
-
-def test_a_step_that_was_not_answered_is_due_until_it_is():
-    rule = answers(On("estimate", period=0.1))
-    for _ in range(2):  # the node was not enabled at first
-        assert rule.hear("estimate", {"estimate": S}) == (Turn.STEP, None)
 
 
 def test_the_stamps_of_a_robot_are_refused_where_they_would_count():

@@ -75,21 +75,6 @@ def test_what_cannot_be_a_map_is_refused(change, said):
         WAY.read(over_the_wire(message))
 
 
-def misses(message, scan, truth):
-    """Return how many beams end elsewhere than at the first occupied cell on their way."""
-    pose = truth.pose.pose
-    at, heading = complex(pose.position.x, pose.position.y), 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
-    wrong = 0
-    for k, length in enumerate(scan.ranges):
-        towards = np.exp(1j * (heading + scan.angle_min + k * scan.angle_increment))
-        before = at + towards * np.arange(0.0, min(length, scan.range_max) - 1e-3, 0.02)
-        wrong += any(value_at(message, point.real, point.imag) in (100, None) for point in before)
-        if math.isfinite(length):
-            end = at + towards * (length + 1e-3)
-            wrong += value_at(message, end.real, end.imag) not in (100, None)
-    return wrong
-
-
 def test_the_localizer_in_the_graph_is_the_environments(compare, hall):
     drive = compare.RoomDrive(world=str(hall), noise="wheel", seed=3, localizer="match")
     expected = compare.first(compare.room_episode(drive), 60)

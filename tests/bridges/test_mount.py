@@ -108,16 +108,6 @@ def test_another_mount_than_the_presets_is_reported_and_one_that_a_person_gave_i
     assert f"{where}, and the given mount is another: correct one" in monitor.trouble(T)
 
 
-def test_a_controller_that_is_given_another_direction_stands_and_says_why():
-    for yaw, stands in ((2.0, False), (0.0, False), (1.5, True)):
-        block = VelocityController(VelocityController.Params(policy="vfh", lidar_yaw=yaw))
-        seen = Stamped(rooms.Scan(ranges(OTHER, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0), 0.0, OTHER)
-        belief = Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(**dict.fromkeys(Covariance._fields, 0.01)))
-        command = block.step(0.1, Estimate(belief, 0.0, 0.0), Pose(1.0, 0.0, 0.0), None, scan=seen)["command"]
-        assert (command == STOP) is stands
-        assert ("lidar_yaw is 1.500, but /tf_static says 2.000 rad: correct one of them" in (block.notice or "")) is stands
-
-
 @pytest.mark.parametrize(("tilt", "degrees"), [(math.pi, 180), (0.5, 29)])
 def test_a_lidar_upside_down_or_tilted_is_refused_on_one_line(tilt, degrees):
     said = f"/tf_static says that 'base_scan' is tilted by {degrees} degrees, and a scan must be level"

@@ -100,16 +100,6 @@ def test_motion_that_nobody_commanded_is_noticed():
     assert at < 6.0
 
 
-@pytest.mark.parametrize("times", [1000.0, 100.0, 10.0])
-def test_odometry_in_another_unit_is_noticed(times):
-    def larger(pose, twist, now, speed):
-        return Pose(times * now.x, times * now.y, now.theta), Command(times * speed.v, speed.omega)
-
-    at, why = alarm(Kind(), 4.0, 1, spoil=after(0.0, larger), drive=from_rest(AHEAD))
-    assert why == EXTRA
-    assert at < 1.5
-
-
 def first_alarms(seconds, seed, noises=NOISES, kinds=KINDS):
     return {
         (name, noise): said
@@ -230,12 +220,3 @@ def test_a_robot_stands_while_odometry_that_was_heard_is_lost_and_goes_on_with_i
 def test_a_robot_whose_odometry_was_never_heard_drives():
     arbiter = Arbiter(Parameters(), 100.0)
     assert drive(arbiter, 0.0, 3.0, None)[-1][1].v > 0.2
-
-
-def test_a_disabled_robot_may_be_carried():
-    arbiter = Arbiter(Parameters(start_enabled=False), 100.0)
-    drive(arbiter, 0.0, 3.0, moves)
-    assert not arbiter.emergency
-    assert arbiter.enable(True, 103.0) == ""
-    drive(arbiter, 3.0, 3.0, lambda at: (Pose(0.6 + 0.21 * (at - 3.0), 0.0, 0.0), AHEAD))
-    assert not arbiter.emergency

@@ -101,6 +101,30 @@ def the_emergency_stop_stops(make_bench):
     bench.drive()
 
 
+def a_press_counts_however_short_and_every_button_must_be_released(make_bench):
+    bench = make_bench()
+    buttons = [bench.peer.speak("emergency_stop", Bool, 1) for _ in range(2)]
+    for button in buttons:
+        bench.wait_for(button.get_subscription_count)
+
+    def say(*pressed):
+        for button, state in zip(buttons, pressed, strict=True):
+            button.publish(Bool(data=state))
+        time.sleep(0.05)
+        bench.advance(0.1)
+
+    for _ in range(3):
+        say(False, False)
+    bench.drive()
+    buttons[0].publish(Bool(data=True))
+    buttons[0].publish(Bool(data=False))
+    bench.wait_for(lambda: bench.state == "stopping: emergency stop")
+    for _ in range(8):
+        say(False, True)
+    assert bench.enable().message == "the emergency stop is pressed"
+    bench.wait_for(lambda: say(False, False) or bench.enable().success)
+
+
 def refused(said, **broken):
     """Return the law that a kind of odometry is refused with a message, and counts as missing."""
 
@@ -205,6 +229,7 @@ PROTECTIONS = [
     nonsense_stops,
     blocked_steps_stop,
     the_emergency_stop_stops,
+    a_press_counts_however_short_and_every_button_must_be_released,
     another_frame,
     no_rotation,
     nan_odometry,

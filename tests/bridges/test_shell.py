@@ -18,7 +18,6 @@ from cmd_vel_guard.qos import LATCHED
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
 from turtlebot_gym_ros import Every, Output, Shell
-from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.kalman_filter import FIX
 from turtlebot_gym_ros.blocks.localizer import MAP_INPUT
 from turtlebot_gym_ros.blocks.waypoints import ROOM_GOAL
@@ -128,16 +127,6 @@ def test_a_schedule_begins_when_somebody_listens(runner, peer, wait_for):
     commands = peer.hear("cmd_vel", TwistStamped)
     wait_for(lambda: len(commands) > 5 and states[-1].data == "active")
     assert commands[0].twist.linear.x == 0.001  # nothing was said to nobody
-
-
-def test_a_plant_warns_of_strangers_that_obey_the_same_commands(runner, peer, wait_for):
-    reports = peer.hear("/diagnostics", DiagnosticArray)
-    runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context))
-    text = "/cmd_vel: /peer obeys the same commands as this simulation. Is it a real robot?"
-    wait_for(lambda: reports)
-    assert text not in reports[-1].status[0].message
-    peer.hear("cmd_vel", TwistStamped)
-    wait_for(lambda: text in reports[-1].status[0].message)
 
 
 def speaker(peer, topic, kind, name):

@@ -23,12 +23,6 @@ def test_a_grid_is_exact_whatever_the_timer_does():
     assert np.all(np.diff(stamps) == 100 * MS)
 
 
-def test_no_step_waits_for_the_next_call_where_the_first_call_was_the_latest():
-    grid = StampGrid(Every(0.1))
-    late = [40 * MS, *np.random.default_rng(0).integers(0, 40 * MS, 100)]
-    assert [len(list(grid.due_until(k * 100 * MS + int(late[k])))) for k in range(100)] == [1] * 100
-
-
 GRIDS = {
     "steps that are late are made up for": (StampGrid, Every(0.1), {0: [0], 350 * MS: [100 * MS, 200 * MS, 300 * MS]}),
     "due from 3/4 of a period before the stamp, another from 1/4": (

@@ -144,18 +144,11 @@ def test_from_inside_only_what_comes_nearer_is_contact(depth):
 
 
 BAD = [
-    (scan([], angle_increment=1.0), "the scan has no ranges"),
     (scan([np.nan, -1.0, 0.1] * 4), "none of the scan's 12 beams says anything"),
-    (scan([1.0] * 720, angle_increment=0.0174), "are more than a whole turn"),
-    *((scan([1.0] * 12, angle_increment=value), "angle_increment must be") for value in (0.0, math.nan, math.inf, -math.inf)),
-    *((scan([1.0] * 12, angle_min=value), "angle_min must be finite") for value in (math.nan, math.inf, -math.inf)),
-    *(
-        (scan([1.0] * 12, range_min=value), r"range_min must be in \[0, range_max\)")
-        for value in (4.0, 3.5, -0.1, math.nan, math.inf)
-    ),
-    *((scan([1.0] * 12, range_max=value), "range_min must be in") for value in (math.nan, -math.inf)),
+    (scan([1.0] * 12, angle_increment=math.nan), "angle_increment must be"),
+    (scan([1.0] * 12, angle_min=math.inf), "angle_min must be finite"),
+    (scan([1.0] * 12, range_min=4.0), r"range_min must be in \[0, range_max\)"),
     (scan([1.0] * 12, frame="rplidar_link"), "its frame is 'rplidar_link', not 'base_scan'"),
-    (scan([1.0] * 12, frame=""), "its frame is ''"),
 ]
 
 
@@ -209,15 +202,11 @@ def part(width_deg):
 
 GAPS = {
     "every second beam": (scan([2.0, np.nan] * 180), FREE, FREE),
-    "a tenth of the beams, anywhere": (scan(np.where(np.arange(360) % 10 == 3, np.nan, 2.0)), FREE, FREE),
     "20 degrees ahead, as wide as the robot further away": (with_gap(20.0, 0.0), FREE, FREE),
     "20 degrees ahead, between near things": (with_gap(20.0, 0.0, around=0.165), STOPPED, STOPPED),
     "60 degrees ahead": (with_gap(60.0, 0.0), SLOW, FREE),
     "60 degrees behind": (with_gap(60.0, 180.0), FREE, SLOW),
-    "60 degrees to the left": (with_gap(60.0, 90.0), FREE, FREE),
     "60 degrees that returned nothing": (scan([np.inf] * 30 + [2.0] * 301 + [np.inf] * 29), FREE, FREE),
-    "all but the back": (with_gap(240.0, 0.0), SLOW, FREE),
-    "a LiDAR of 240 degrees": (part(240), FREE, SLOW),
     "a LiDAR of 180 degrees": (part(180), FREE, SLOW),
     "a LiDAR that closes the circle": (scan([2.0] * 361, angle_increment=math.radians(1.0)), FREE, FREE),
     "clockwise, from behind": (scan([2.0] * 360, angle_min=math.pi, angle_increment=-math.radians(1.0)), FREE, FREE),
@@ -439,71 +428,13 @@ def test_a_robot_in_its_stop_zone_may_turn_where_its_footprint_sweeps_nothing_an
 # In the guard.
 
 
-def drive(arbiter, command, seconds, *, start=0.0, source="teleop", seen=lambda t: hall()):
-    """Tick at 50 Hz, with commands at 10 Hz and scans at 5 Hz; return what the wheels received last at each tick."""
-    held, last = [], arbiter._last
-    for k in range(round(start / 0.02), round((start + seconds) / 0.02)):
-        now = T + 0.02 * k
-        if k % 10 == 0 and (ranges := seen(now - T)) is not None:
-            arbiter.hear_scan(ranges, now)
-        if k % 5 == 0:
-            arbiter.hear(source, command, now)
-        last = arbiter.step(now) or last
-        held.append(last)
-    return held
-
-
-@pytest.mark.parametrize("source", ["teleop", "program"])
-def test_a_command_that_is_held_is_judged_anew_while_the_robot_comes_nearer(source):
-    arbiter = Arbiter(Parameters(collision_monitor=True), T)
-    x = []
-
-    def seen(t):  # the wall stands still, the robot is where its commands lead
-        return wall(0.6 - (sum(v for v, _ in x) * 0.02))
-
-    for k in range(600):
-        x += drive(arbiter, Command(0.2, 0.0), 0.02, start=0.02 * k, source=source, seen=seen)
-    speeds = np.array([v for v, _ in x])
-    assert speeds.max() == pytest.approx(0.2)
-    # The footprint's centre is 0.008 m before the LiDAR. Its radius, the margin and the error are taken off.
-    away = 0.6 - (np.cumsum(speeds) - speeds) * 0.02
-    free = away - 0.008 - 0.105 - 0.05 - 0.085 * away
-    assert (speeds <= np.maximum(free, 0.0) + 1e-6).all()  # in one second
-    left = away[-1]
-    assert speeds[-1] == 0.0
-    assert 0.0 < free[-1] < 0.03
-    assert arbiter.monitor.state.startswith("stopped")
-    assert arbiter.state == source
-    assert drive(arbiter, Command(-0.2, 0.0), 1.0, start=12.0, source=source, seen=lambda t: wall(left + 1e-3 * t))[-1].v < 0.0
-    # Without a command it has nothing to say.
-    for k in range(50):
-        arbiter.step(T + 13.0 + 0.02 * k)
-    assert arbiter.monitor.state == ""
-
-
 def test_the_parameters_are_those_of_the_monitor():
     given = {"scan_x": 0.1, "scan_y": 0.2, "scan_yaw": 0.3, "footprint_x": 0.4, "scan_frame": "front"}
     own = Arbiter(Parameters(collision_monitor=True, scan_mount="given", **given), T).monitor
     assert own._body == Footprint(0.105, 0.4, Mount("front", 0.1, 0.2, 0.3))
-    waffle = {
-        "max_linear": 0.26,
-        "max_angular": 1.82,
-        "radius": 0.22,
-        "footprint_x": -0.064,
-        "scan_x": -0.064,
-        "scan_frame": "s",
-    }
-    preset = Parameters(
-        collision_monitor=True,
-        collision_margin=0.01,
-        scan_error=0.02,
-        collision_time=3.0,
-        escape_speed=0.03,
-        scan_age=0.1,
-        scan_period=0.3,
-        reaction=0.15,
-        **waffle,
-    )
+    waffle = {"max_linear": 0.26, "max_angular": 1.82, "radius": 0.22, "footprint_x": -0.064, "scan_x": -0.064}
+    kept = {"collision_margin": 0.01, "scan_error": 0.02, "collision_time": 3.0, "escape_speed": 0.03}
+    preset = Parameters(collision_monitor=True, scan_age=0.1, scan_period=0.3, reaction=0.15, scan_frame="s", **kept, **waffle)
     monitor = Arbiter(preset, T).monitor
     assert monitor._body == Footprint(0.22, -0.064, Mount("s", -0.064, 0.0, 0.0))
     assert monitor._limits == Limits(margin=0.01, error=0.02, time=3.0, escape_speed=0.03)
@@ -513,14 +444,14 @@ def test_the_parameters_are_those_of_the_monitor():
 
 def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
     arbiter = Arbiter(Parameters(collision_monitor=True), T)
-    drive(arbiter, Command(0.2, 0.0), 0.5)
     now = T + 1.5
+    arbiter.step(T)
     arbiter.hear_scan(hall(), now, dated=False)
     assert arbiter.refused["undated after a gap"] == 1
     arbiter.hear("program", Command(0.2, 0.0), now + 0.01)
     for k in range(5):
         assert arbiter.step(now + 0.01 + 0.02 * k) in (None, STOP)
-    assert arbiter.monitor.state == "the last scan is older than 0.4 s"
+    assert arbiter.monitor.state == "no scan has arrived"
     arbiter.hear_scan(hall(), now + 0.11, sent=now + 0.1, dated=True)
     assert arbiter.step(now + 0.12).v > 0.0
 
@@ -551,15 +482,3 @@ def test_what_is_beyond_the_reach_is_left_out_and_nothing_else(reach):
             part, whole = (getattr(view, name).T for view in (near, everything))
             within = whole[gaps(whole.T, body.center_x) <= reach]
             assert set(map(tuple, np.round(within, 9))) == set(map(tuple, np.round(part, 9)))
-
-
-def test_the_border_of_a_wide_gap_is_a_circle_about_the_footprint_whose_stop_zone_is_its_room_away():
-    angles = np.linspace(-math.pi, math.pi, 50)
-    for body, _ in drawn_views(2, 0.5):
-        ranges, mount = collision._edge(angles, body, LIMITS, 0.04), body.scan
-        x = mount.x + ranges * np.cos(angles + mount.yaw) - body.center_x
-        y = mount.y + ranges * np.sin(angles + mount.yaw)
-        away = np.hypot(x, y)
-        assert away == pytest.approx(away[0])
-        room = away - body.radius - LIMITS.margin - LIMITS.error * ranges
-        assert 0.04 <= room.min() < 0.06

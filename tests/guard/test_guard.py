@@ -4,7 +4,6 @@ import math
 import signal
 import time
 from functools import partial
-from types import SimpleNamespace
 
 import pytest
 from burger import WORDS
@@ -14,7 +13,6 @@ from nav_msgs.msg import Odometry
 from probe import AHEAD, Probe, laser
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Empty, String
-from std_srvs.srv import SetBool
 
 from cmd_vel_guard.guard import CmdVelGuard
 from cmd_vel_guard.qos import LATCHED
@@ -112,21 +110,6 @@ def test_the_end_of_a_button_is_a_stop_at_once(guard, peer, wait_for):
     assert guard._arbiter.buttons.lost(guard._now()) == "an emergency stop has ended"
 
 
-@pytest.mark.parametrize(("on", "why"), [(True, ""), (True, "no emergency stop is heard"), (False, "")])
-def test_only_enabling_begins_to_estimate_clocks_anew(on, why):
-    begun, number = [], SimpleNamespace(get_publisher_count=lambda: 1)
-    guard = SimpleNamespace(
-        _take_buttons=list,
-        _now=float,
-        _step=list,
-        _buttons=number,
-        _ages={"program": SimpleNamespace(begin=lambda: begun.append(1))},
-        _arbiter=SimpleNamespace(enable=lambda on, now, buttons: why),
-    )
-    CmdVelGuard._enable(guard, SetBool.Request(data=on), SetBool.Response())
-    assert bool(begun) is (on and not why)
-
-
 SUSPENDS = """
 import os, signal
 decide = guard.Arbiter.step
@@ -221,25 +204,6 @@ def test_emergency_stop(start, probe):
     probe.until_standing("emergency")
     probe.pressed = None
     assert "~/enable" not in probe.until_standing("emergency").message  # the service is named as one types it
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("topic", ["odom", "estimate"])
-def test_geofence(start, probe, peer, topic):
-    start("-p", "geofence:=1.0", "-p", f"geofence_topic:={topic}", "-p", "motion_check:=false")
-    probe.command = AHEAD
-    probe.until_standing("only a person drives")
-    pose, speaker = Odometry(), peer.speak(topic, Odometry)
-    probe.node.create_timer(0.05, lambda: speaker.publish(pose))
-    probe.until_standing("its frame is '', not 'odom'")
-    pose.header.frame_id = "odom"
-    probe.until_driving()
-    rival = peer.speak(topic, Odometry)
-    probe.until_standing(f"/{topic} must have one source")
-    peer.node.destroy_publisher(rival)
-    probe.until_driving()
-    pose.pose.pose.position.y = -1.1
-    probe.until_standing("only a person drives")
 
 
 SOURCES = {
@@ -358,15 +322,3 @@ def test_commands_are_limited_by_what_the_lidar_sees_and_need_its_scans(seeing, 
 
 
 # Several robots in one graph: button, enabling and commands are one robot's, unless a topic is shared on purpose.
-
-
-@pytest.fixture
-def robots(peer, wait_for, start):
-    """Two robots, each with its guard."""
-
-    def make(*arguments, **options):
-        for name in ("robot1", "robot2"):
-            start("-r", f"__ns:=/{name}", "-p", f"frame_prefix:={name}/", *arguments)
-        return [Probe(peer, wait_for, name=name, **options) for name in ("robot1", "robot2")]
-
-    return make

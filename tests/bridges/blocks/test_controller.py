@@ -39,12 +39,6 @@ def test_a_policy_is_given_the_environments_observation():
     assert observation == pytest.approx(expected, abs=1e-6)
 
 
-def test_without_a_next_waypoint_the_goal_counts_as_it():
-    node = controller(ahead)
-    node.step(0.1, at(0.0, 0.0), REFERENCE, None)
-    assert node.driver.observation[10:].tolist() == [2.0, 1.0, 0.0]
-
-
 @pytest.mark.parametrize("answer", [[np.nan, 0.0], [0.0, np.inf], [0.0], [[0.0, 0.0]], "stop", None])
 def test_an_answer_that_is_no_action_is_an_error(answer):
     with pytest.raises((ValueError, TypeError)):
@@ -70,20 +64,6 @@ def test_a_variance_of_zero_is_given_a_floor_and_a_warning_once(caplog):
     node = controller(ahead)
     node.step(0.1, at(0.0, 0.0), REFERENCE, None)
     assert len(caplog.records) == 1
-
-
-def test_a_policy_with_memory_is_reset():
-    class Remembers:
-        masks = []
-
-        def __call__(self, observation):
-            return np.zeros(2)
-
-        def reset(self, mask):
-            self.masks.append(mask)
-
-    controller(Remembers()).reset()
-    assert [mask.tolist() for mask in Remembers.masks] == [True]
 
 
 def test_who_sees_needs_a_scan_of_the_last_half_second_and_nobody_else_hears_one():

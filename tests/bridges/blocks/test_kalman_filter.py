@@ -77,18 +77,6 @@ def test_a_fix_of_long_ago_or_from_the_future_is_left_aside_and_noticed(age, cou
     assert nodes[0].notice is None
 
 
-def test_messages_that_are_lost_on_their_way_are_predicted_period_by_period():
-    """As a drop-out is that the sensor tells of, where the twist is constant."""
-    dropping, silent = estimator(), estimator()
-    for node in (dropping, silent):
-        node.step(0.0, seen(0.0, 0.0, 0.0))
-        node.step(0.1, seen(0.01, 0.0, 0.0, COMMAND))
-    for _ in range(2):
-        dropping.step(0.1, seen(0.01, 0.0, 0.0, COMMAND, measured=False))
-    last = seen(0.05, 0.0, 0.1, COMMAND)
-    assert dropping.step(0.1, last) == silent.step(0.3, last)
-
-
 def test_after_a_reset_it_begins_again_wherever_the_robot_is():
     node, elsewhere = estimator(), seen(-1.0, 0.0, 0.5, COMMAND)
     node.step(0.0, seen(1.0, 2.0, 3.0))
@@ -249,10 +237,3 @@ def test_a_persons_pose_is_refused_with_the_reason(odometry, initial_pose, said)
     assert node.step(0.1, odometry, initial_pose=initial_pose) == other.step(0.1, odometry)
     assert node.notice.startswith(f"initial poses refused: {said}")
     assert node.figures["refused initial poses"] == 1
-
-
-def test_a_persons_pose_ends_the_refusal_of_a_jump():
-    node, far = driving(), STANDING._replace(pose=Pose(9.0, 9.0, 1.0))
-    final(node, far)
-    assert node.step(0.1, far, initial_pose=SEAT)["estimate"].belief.mean[:3] == pytest.approx(SEAT.pose)
-    assert node.step(0.1, far)

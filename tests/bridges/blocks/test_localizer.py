@@ -85,24 +85,6 @@ def test_a_robot_that_does_not_know_where_it_is_says_nothing_until_it_does(drive
     assert loop.error < 0.1
 
 
-def test_it_looks_anew_when_asked(drive):
-    loop = drive()
-    loop.go(2.0)
-    loop.node.services["reinitialize_global_localization"]()
-    assert "estimate" not in loop.node.step(0.1, loop.odometry, loop.scan._replace(age=loop.scan.age + 0.1), GRID)
-    assert loop.go(3.0) > 10
-    assert loop.error < 0.1
-
-
-def test_a_person_says_where_it_is(drive):
-    loop = drive()
-    loop.go(1.0)
-    loop.go(0.1, initial_pose=(Fix(Pose(1.0, 1.0, 0.3), (0.01, 0.01, 0.01), 0.0, True), 0.0))
-    assert loop.error > 0.2
-    loop.go(0.1, initial_pose=(Fix(Pose(*loop.truth[:3]), (0.01, 0.01, 0.01), 0.0, True), 0.0))
-    assert loop.error < 0.15
-
-
 def test_a_pose_of_a_moment_ago_is_carried_on_by_the_odometry_since(drive):
     """Nav2's clients send a pose again and again, with the stamp of the first time."""
     loop, sure = drive(), (1e-4, 1e-4, 1e-4)

@@ -1,14 +1,11 @@
 """The blocks in a room, in a ``for`` loop: what they hand to each other is the environment's to the bit."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 import turtlebot_gym  # noqa: F401  # registers the environments
 from turtlebot_gym.rooms.lidar import LIDARS
-from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.values import STOP, Pose
-from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.node.block import Stamped
 
@@ -44,48 +41,6 @@ class Loop:
         self.command = self.controller.step(DT, estimate, **way, scan=scan)["command"]
         self.at += 1
         return values
-
-
-def differences(loop, env, steps, policy, noise):
-    """Compare a loop with the environment over one episode, and return its outcome."""
-    observation, info = env.reset()
-    policy = make_policy(policy, noise=noise)
-    for _ in range(steps):
-        values = loop.step()
-        np.testing.assert_array_equal(loop.controller.driver.observation, observation)
-        np.testing.assert_array_equal(values["truth"], info["true_state"])
-        assert values["goal"] == tuple(info["reference"])
-        assert values["clearance"].distance == info["clearance"]
-        action = policy(observation)
-        np.testing.assert_array_equal(loop.controller.driver.action, action)
-        observation, _, terminated, _, info = env.step(action)
-        if terminated:
-            break
-    assert (loop.plant.step(DT, loop.command)["clearance"].distance < 0.0) == info["collision"]
-    assert (loop.plant.notice is not None) == info["collision"]
-    return info
-
-
-@pytest.mark.sample(2)
-@pytest.mark.parametrize(
-    ("world", "lidar", "noise", "policy"),
-    [
-        ("office", "lds01", "tutorial", "vfh"),
-        ("dense", "a1", "rough", "vfh"),
-        ("dense", "lds01", "tutorial", "bearing+safety"),
-        ("office", "lds01", "tutorial", "planner+safety"),
-        ("office", "lds01", "wheel", "planner+safety"),
-        *(pytest.param(world, "lds01", "tutorial", "vfh", marks=pytest.mark.nightly) for world in ROOMS if world != "office"),
-        *(pytest.param("dense", lidar, "rough", "vfh", marks=pytest.mark.nightly) for lidar in LIDARS if lidar != "a1"),
-    ],
-)
-def test_they_are_the_environment_to_the_bit(world, lidar, noise, policy):
-    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=world, lidar=lidar, noise=noise)
-    env.reset(seed=3)
-    loop = Loop(world=world, lidar=lidar, noise=noise, seed=3, policy=policy)
-    for block in (loop.plant, loop.filter, loop.generator, loop.controller):
-        block.reset()  # the second episode
-    differences(loop, env, 80, policy, noise)
 
 
 def test_a_scan_is_observed_with_its_age_up_to_a_second_and_refused_with_another_number_of_beams():

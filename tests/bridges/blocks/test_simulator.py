@@ -1,15 +1,9 @@
 """The plant is the environment: same transition, same noise for the same seed and episode; and a person at the keyboard."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from turtlebot_gym.heart import Episode
-from turtlebot_gym.presets import NOISES
-from turtlebot_gym.systems import make_parameters
-from turtlebot_gym.tasks import NAV
-from turtlebot_gym.values import STOP, Command, Odometry, Pose
+from turtlebot_gym.values import Command
 from turtlebot_gym_ros.blocks import SimulatedTeleop, TurtlebotSimulator
 
 COMMANDS = [Command(*pair) for pair in np.random.default_rng(0).uniform(-3.0, 3.0, (200, 2)).tolist()]
@@ -17,28 +11,6 @@ COMMANDS = [Command(*pair) for pair in np.random.default_rng(0).uniform(-3.0, 3.
 
 def simulator(**parameters):
     return TurtlebotSimulator(TurtlebotSimulator.Params(**parameters))
-
-
-@pytest.mark.parametrize("noise", NOISES)
-@pytest.mark.parametrize("robot", ["burger", "tutorial"])
-def test_its_steps_are_the_environments_to_the_bit(noise, robot):
-    plant = simulator(noise=noise, robot=robot, seed=7)
-    plant.reset()  # the second episode
-    episode = Episode(make_parameters(replace(NAV, random=False), noise=noise, robot=robot), [Pose(0.0, 0.0, 0.0)], seed=7)
-    world, lost = episode.reset(), 0
-    assert plant.step(0.1, None) == {
-        "truth": world.body.true_state,
-        "odometry": Odometry(world.senses.odometry.pose, STOP, True),
-    }
-    for command in COMMANDS:
-        before = episode.world.senses.odometry.pose
-        episode.step(command)
-        world, out = episode.world, plant.step(0.1, command)
-        assert out["truth"] == world.body.true_state
-        measured = noise not in ("rough",) or world.senses.odometry.pose != before  # its white noise never repeats a number
-        assert out["odometry"] == Odometry(world.senses.odometry.pose, world.body.command, measured)
-        lost += not measured
-    assert (lost > 0) == (NOISES[noise].odometry.dropout_probability > 0.01)  # rarer ones do not happen in this drive
 
 
 def test_a_drawn_room_has_the_map_of_the_environments_localizer_anew_in_each_episode():

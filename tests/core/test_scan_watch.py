@@ -5,10 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from burger import Parameters
 
-from cmd_vel_guard.arbiter import Arbiter
-from cmd_vel_guard.collision import RawScan
 from turtlebot_gym.beams import Beams
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.motion import Motion
@@ -61,17 +58,6 @@ def only(*directions):
     """The box, with returns near some directions only, deg."""
     off = np.abs((np.degrees(AROUND)[:, None] - directions + 180.0) % 360.0 - 180.0).min(axis=1)
     return np.where(off < 8.0, BOX, np.inf)
-
-
-def test_the_monitor_stops_a_robot_whose_lidar_is_frozen():
-    arbiter, driven = Arbiter(Parameters(collision_monitor=True), T), []
-    for k in range(100):
-        arbiter.hear("program", AHEAD, T + 0.02 * k)
-        arbiter.hear_scan(RawScan(BOX, 0.0, AROUND[1], 0.01, 8.0, "base_scan"), T + 0.02 * k)
-        driven.append(arbiter.step(T + 0.02 * k))
-    assert AHEAD in driven
-    assert driven[-1] in (None, STOP)
-    assert "the LiDAR is frozen" in arbiter.monitor.trouble(T + 2.0)
 
 
 @pytest.mark.parametrize("command", [AHEAD, TURN, Command(-0.05, 0.0), Command(0.2, -1.0)])

@@ -1,24 +1,16 @@
 """The action navigate_to_pose: what its clients hear, with stand-ins and live."""
 
-import json
-import math
 import sys
-import time
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
-import numpy as np
 import pytest
-from action_msgs.msg import GoalStatus
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from std_msgs.msg import Header
 
 from turtlebot_gym.values import Pose
-from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.blocks import Localizer
 from turtlebot_gym_ros.node import navigate
 from turtlebot_gym_ros.node.errand import Errand, Failure
@@ -153,101 +145,3 @@ def test_nav2s_clients_find_its_nodes_active(runner, peer, door):
     (pose,) = peer.node.get_publishers_info_by_topic("amcl_pose")  # as nav2_amcl, ``amcl_node.cpp``
     profile = pose.qos_profile
     assert (profile.reliability, profile.durability) == (ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-CLIENT = Path(__file__).with_name("navigate_client.py")
-SIDE, DOOR = 0.05, 1.0
-ROOM = 3.0
-"""Length and width of each room, m; a fourth one has no door."""
-DOORS = (1.0, 2.0)
-"""Places of the doors along the walls between the rooms, m."""
-
-
-def centre(room):
-    """Return the middle of a room, of which 3 has no door."""
-    return ROOM * (room + 0.5), 0.5 * ROOM
-
-
-@pytest.fixture(scope="module")
-def building(tmp_path_factory, write_map):
-    """The map of four rooms in a row, with a pillar each, as `map_server` takes it."""
-    cells = np.zeros((round(ROOM / SIDE), round(4 * ROOM / SIDE)), np.uint8)
-    cells[[0, -1]] = cells[:, [0, -1]] = 1
-    for wall, door in zip((1, 2, 3), (*DOORS, math.inf), strict=True):
-        at = round(wall * ROOM / SIDE)
-        cells[:, at - 1 : at + 1] = 1
-        if door < math.inf:
-            cells[round((door - 0.5 * DOOR) / SIDE) : round((door + 0.5 * DOOR) / SIDE), at - 1 : at + 1] = 0
-    for room, (x, y) in enumerate(((0.7, 2.3), (1.2, 0.6), (2.2, 0.7), (1.5, 1.0))):
-        row, column = round(y / SIDE), round((room * ROOM + x) / SIDE)
-        cells[row - 3 : row + 3, column - 3 - room : column + 3 + room] = 1
-    return write_map(tmp_path_factory.mktemp("building"), np.where(cells[::-1] == 1, 0, 254).astype(np.uint8), resolution=SIDE)
-
-
-@pytest.fixture(params=["vfh", "ppo-rooms"])
-def robot(request, building):
-    """The graph in real time, in processes; the robot is in the first three rooms."""
-    pytest.importorskip("nav2_msgs", reason="needs nav2_msgs, which comes with a ROS installation")
-    parameters = {"policy": request.param, "noise": "wheel", "localizer": "match"}
-    with Graph(world=str(building), processes=True, speed=1.0, seed=2, **parameters) as graph:
-        graph.wait_until(lambda graph: graph.time > 2.0)  # its first reset has been heard
-        assert graph.latest["true_state"].x < 3 * ROOM
-        yield graph
-
-
-@pytest.fixture
-def send(launch):
-    """Run a client to its end, and return what it heard."""
-
-    def sent(*arguments):
-        process = launch(str(CLIENT), *map(str, arguments))
-        out, err = process.communicate(timeout=240.0)
-        assert process.returncode == 0, err
-        return [json.loads(line) for line in out.splitlines()]
-
-    return sent
-
-
-def told(heard, name):
-    return [entry[name] for entry in heard if name in entry]
-
-
-@pytest.mark.nightly
-def test_goals_lead_through_three_rooms_or_end_with_the_reason(robot, send, peer, wait_for):
-    commands, goals = [], peer.speak("goal_pose", PoseStamped)
-    peer.node.create_subscription(
-        TwistStamped, "cmd_vel", lambda message: commands.append((time.monotonic(), message.twist)), 100
-    )
-    ends = sorted((0, 2), key=lambda room: math.dist(robot.latest["true_state"][:2], centre(room)))
-
-    # A goal in another frame is refused, and the robot stays.
-    foreign = send(*centre(1), "odom")
-    assert (told(foreign, "status"), told(foreign, "code")) == ([GoalStatus.STATUS_ABORTED], [Failure.NOT_LOCALIZED])
-    assert math.dist(robot.latest["reference"][:2], robot.latest["true_state"][:2]) < 0.2  # it stays where it is
-
-    # Cancel stops it within 0.5 s.
-    cancelled = send(*centre(ends[1]), "map", 5.0)
-    assert told(cancelled, "status") == [GoalStatus.STATUS_CANCELED]
-    (asked,) = (entry["at"] for entry in cancelled if "cancels" in entry)
-    moving = [at for at, twist in commands if twist.linear.x or twist.angular.z]
-    assert any(asked - 1.0 < at < asked for at in moving)
-    assert max(moving) - asked < 0.5
-    assert max(at for at, _ in commands) > asked
-
-    # RViz's goal leads to one end of the building, and the action's from there through all rooms to the other.
-    goal = PoseStamped(header=Header(frame_id="map"))
-    goal.pose.position.x, goal.pose.position.y = centre(ends[0])
-    goals.publish(goal)
-    robot.wait_until(lambda graph: math.dist(graph.latest["true_state"][:2], centre(ends[0])) < 0.2, timeout=120.0)
-    heard = send(*centre(ends[1]))
-    assert told(heard, "status") == [GoalStatus.STATUS_SUCCEEDED]
-    assert math.dist(robot.latest["true_state"][:2], centre(ends[1])) < 0.2
-    assert {int(x // ROOM) for x in told(heard, "x")} == {0, 1, 2}
-    left, times = told(heard, "left"), told(heard, "navigation_time")
-    assert left[0] > 2 * ROOM - 0.5 > 1.0 > left[-1]
-    assert times == sorted(times)
-    assert times[-1] > 20.0
-    assert {*told(heard, "recoveries")} == {0}
-    assert {*told(heard, "frame")} == {"map"}
-    remaining = told(heard, "estimated_time_remaining")
-    assert remaining[0] > 20.0 > 5.0 > remaining[-1] > 0.0
