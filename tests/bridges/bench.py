@@ -3,7 +3,6 @@
 import math
 import time
 from dataclasses import dataclass
-from importlib.util import find_spec
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -18,28 +17,6 @@ from std_srvs.srv import SetBool
 from cmd_vel_guard.qos import LATCHED
 from turtlebot_gym.values import STOP, Command, State
 from turtlebot_gym_ros import Input, On, Output, Shell
-
-POLICIES = """
-import time
-import numpy as np
-
-def ahead(observation):
-    return np.array([0.5, 0.0], np.float32)
-
-"""
-"""A policy, as a module."""
-
-
-def node(name, *parameters, words=()):
-    """Return the arguments of a Python that runs a node with parameters such as "speed:=10.0", and other ROS arguments."""
-    return [
-        "-m",
-        "turtlebot_gym_ros",
-        name,
-        "--ros-args",
-        *(word for parameter in parameters for word in ("-p", parameter)),
-        *words,
-    ]
 
 
 def over_the_wire(message):
@@ -58,8 +35,6 @@ def odometry(seconds=None, *, x=0.0, theta=0.0, frame="odom", norm=1.0):
     return message
 
 
-guarded = pytest.mark.skipif(find_spec("cmd_vel_guard") is None, reason="the guard is a satellite")
-"""Marks tests that start the guard, or a node of the guard's package."""
 PATIENCE = 30.0
 """Longest wait for a state, s: far above what it takes, so that only a missing state fails."""
 

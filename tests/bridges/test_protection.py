@@ -29,6 +29,16 @@ def disabled_it_stops(make_bench):
     bench.stops("not enabled")
 
 
+def at_rest_it_stops_and_then_needs_fresh_inputs(make_bench):
+    bench = driving(make_bench)
+    with bench.shell.at_rest():  # as before the process is suspended
+        bench.wait_for(lambda: bench.speeds[-1] == 0.0)
+        bench.now.at += 10.0
+    bench.wait_for(lambda: bench.advance(0.02) and bench.state.startswith("silent"))
+    del bench.commands[:]
+    bench.drive()
+
+
 def old_inputs_stop(make_bench):
     bench = driving(make_bench)
     bench.now.at += 0.49
@@ -222,6 +232,7 @@ def driving(make_bench, **options):
 PROTECTIONS = [
     starts_disabled,
     disabled_it_stops,
+    at_rest_it_stops_and_then_needs_fresh_inputs,
     old_inputs_stop,
     exceptions_stop,
     nan_stops,
