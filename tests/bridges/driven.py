@@ -43,7 +43,7 @@ KINDS = {
     "at once": Kind(coarse=0.01),
     "start delay": Kind(start=0.5, coarse=0.01),
     "start delay, slow": Kind(start=0.5, acceleration=0.3, coarse=0.01),
-    "slow": Kind(acceleration=0.3),
+    "slow": Kind(acceleration=0.2),
     "slower": Kind(acceleration=0.1, coarse=0.01),
     "late": Kind(late=0.3, coarse=0.01),
     "late, slow": Kind(late=0.3, acceleration=0.3),

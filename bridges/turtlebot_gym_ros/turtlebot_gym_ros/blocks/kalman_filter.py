@@ -36,25 +36,22 @@ class KalmanFilter:
     """Estimate the pose from odometry.
 
     It begins with the first odometry, and predicts with the twist that the wheels executed: the exact one from the simulator,
-    or the wheels' measured twist, with its noise, on a robot. If a pose drops out, it only predicts; if messages are lost, it
-    predicts period by period, and restarts after ``max_gap``. Nothing is published without odometry, so a loss of odometry is
-    visible.
-
-    With ``takes_fixes`` it also uses external pose measurements, each at its own stamp, up to 0.5 s late.
+    the measured one, with its noise, on a robot. If a pose drops out, or messages are lost, it only predicts, and it restarts
+    after ``max_gap``. Nothing is published without odometry. With ``takes_fixes`` it also uses external pose measurements, each
+    at its own stamp, up to 0.5 s late.
 
     Odometry that contradicts itself or the command in force (`agreement`), and fixes that the belief rules out (`credible`),
     are refused: counted, reported, and not used. A contradiction that lasts is final: the cause is published on
     ``disagreement``, at which controllers stop, and no estimate follows until a person lets the robot go on. Enabling a
-    controller does (``resume``): the filter then goes on from where it believed the robot, and reads odometry from there. A
-    pose on ``initialpose``, as RViz sends it, puts a standing robot elsewhere, with the stated variances. A robot whose
-    odometry was reset goes on by itself if it stands and a fix says where it is.
+    controller does (``resume``): the filter then goes on from where it believed the robot. A pose on ``initialpose``, as RViz
+    sends it, puts a standing robot elsewhere. A robot whose odometry was reset goes on by itself if it stands and a fix says
+    where it is.
 
-    Inputs: ``odometry`` (`Odometry`, on ``odom``, every message); ``command`` (`Command`, on ``cmd_vel``; optional, the last
-    value holds; not in lock-step); with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional); ``initial_pose``
-    (`InitialPose`, on ``initialpose``, optional); and ``resume`` (`Resume`, on ``resume``, optional).
-    Outputs: ``nis`` (`Nis`, on ``nis``), the normalized innovation squared, and ``estimate`` (`Estimate`, on ``estimate``), at
-    odometry's stamp and in its frame; and ``disagreement`` (`Disagreement`, on ``disagreement``, when it changes).
-    Parameters: those of `Params`.
+    Inputs: ``odometry`` (`Odometry`, on ``odom``), ``command`` (`Command`, on ``cmd_vel``), with ``takes_fixes`` ``fix``
+    (`Fix`, on ``pose_fix``), ``initial_pose`` (`InitialPose`, on ``initialpose``), ``resume`` (`Resume`, on ``resume``); all
+    but the first optional. Outputs, at odometry's stamp and in its frame: ``nis`` (`Nis`, on ``nis``), ``estimate``
+    (`Estimate`, on ``estimate``), and ``disagreement`` (`Disagreement`, on ``disagreement``, when it changes). Parameters:
+    those of `Params`.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)

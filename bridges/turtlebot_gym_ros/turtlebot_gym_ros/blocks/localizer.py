@@ -55,21 +55,17 @@ class Localizer:
     A scan counts as the LiDAR's preset if it agrees with it to single precision; otherwise as the message says. Its mount
     is that of ``/tf_static``, or the preset's.
 
-    Where it starts, ``start`` says. A robot that is lost looks for itself in the whole map; while it is lost, no estimate is
-    published, so that everything that rests on the estimate stops by the age of its inputs, unless ``when_lost`` is "drive".
-    A pose on ``initialpose``, as RViz sends it, puts it elsewhere; the service ``reinitialize_global_localization`` makes it
-    look anew. The diagnostics show whether it is tracking, unsure or lost, and the share of fitting beams.
+    Where it starts, ``start`` says. A robot that is lost looks for itself in the whole map; meanwhile no estimate is published,
+    so that all that rests on it stops by the age of its inputs, unless ``when_lost`` is "drive". A pose on ``initialpose``, as
+    RViz sends it, puts it elsewhere; the service ``reinitialize_global_localization`` makes it look anew. Odometry that
+    contradicts itself or the command in force (`agreement`) is refused, as by `KalmanFilter`.
 
-    Odometry that contradicts itself or the command in force (`agreement`) is refused, as by `KalmanFilter`.
-
-    Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``),
-    ``command``, ``initial_pose`` and ``resume`` as for `KalmanFilter`, and without a map's file ``map`` (`GridMap`, on
-    ``map``).
-    Outputs: ``pose`` (`Located`, on ``amcl_pose``, with the covariance of x, y and heading), ``nis`` (`Nis`, on ``nis``),
-    ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp, in the frame ``frame``; ``disagreement`` as for
-    `KalmanFilter`; with ``publish_tf`` the transform from ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map``
-    (`GridMap`, on ``map``), once.
-    Parameters: those of `Params`.
+    Inputs: ``odometry`` (`Odometry`, on ``odom``, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``), ``command``,
+    ``initial_pose`` and ``resume`` as for `KalmanFilter`, and without a map's file ``map`` (`GridMap`, on ``map``). Outputs:
+    ``pose`` (`Located`, on ``amcl_pose``), ``nis`` (`Nis`, on ``nis``), ``estimate`` (`Estimate`, on ``estimate``), at
+    odometry's stamp, in the frame ``frame``; ``disagreement`` as for `KalmanFilter`; with ``publish_tf`` the transform from
+    ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map`` (`GridMap`, on ``map``), once. Parameters: those of
+    `Params`.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,10 +182,9 @@ class Localizer:
         command: Command | None = None,
         resume: object = None,
     ) -> dict[str, Any]:
-        """Return the belief after odometry that is ``dt`` later than the one before, s.
+        """Return the belief after odometry that is ``dt`` later, s; nothing if the robot is lost, or odometry is not believed.
 
-        Nothing if the robot is lost; nothing but the cause if its odometry is not believed. Where odometry is
-        only displaced, as by a reset, the robot counts as standing for that step, and the scans say where it is.
+        Where odometry is only displaced, as by a reset, the robot counts as standing for that step.
         """
         if map is not None and map is not self._grid:
             self._take_map(map)

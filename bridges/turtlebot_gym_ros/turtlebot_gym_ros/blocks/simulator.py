@@ -51,14 +51,13 @@ class TurtlebotSimulator:
     as there, but nothing is solid: an episode's first contact is reported, and the robot drives on. With ``goals`` it gives
     several goals in turn, as `TurtleBotMissions-v0` does.
 
-    Inputs: ``command`` (`Command`, on ``cmd_vel``; held indefinitely, as on a TurtleBot3; at rest before the first). Outputs:
-    ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Odometry`, on ``odom``: the measured pose, marked if it dropped
-    out, with the twist that the wheels executed), both in the world frame. With a ``fix`` also ``fix`` (`Fix`, on ``pose_fix``,
-    stamped with the time of the measurement). In a room also ``scan`` (`Scan`, on ``scan``, each as soon as it is complete,
-    with the LiDAR's stamps, in its own frame), ``goal`` (`Pose`, on ``room_goal``), ``clearance`` (`Clearance`, on
-    ``clearance``), of the true pose, and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture for viewers; and if the world
-    is a map, or with a ``localizer``, ``map`` (`GridMap`, on ``map``), once an episode. Parameters: those of `Params`. A reset
-    begins the next episode.
+    Inputs: ``command`` (`Command`, on ``cmd_vel``; held indefinitely, as on a TurtleBot3). Outputs: ``truth`` (`State`, on
+    ``true_state``) and ``odometry`` (`Odometry`, on ``odom``: the measured pose, marked if it dropped out, with the twist that
+    the wheels executed); with a ``fix`` also ``fix`` (`Fix`, on ``pose_fix``, stamped with the time of the measurement). In a
+    room ``scan`` (`Scan`, on ``scan``, when it is complete, with the LiDAR's stamps, in its own frame), ``goal`` (`Pose`, on
+    ``room_goal``), ``clearance`` (`Clearance`, on ``clearance``), and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture
+    for viewers; of a map, or with a ``localizer``, ``map`` (`GridMap`, on ``map``), once an episode. Parameters: those of
+    `Params`. A reset begins the next episode.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,9 +32,9 @@ class WaypointGenerator:
     first one.
 
     A goal takes the place of all waypoints: a pose from RViz, or a goal of the action ``navigate_to_pose``, if ``nav2_msgs`` is
-    installed. A goal of the action is reached when the controller is done with it, by the same estimate and rule; it is given
-    up, with the reason, without an estimate for 2.5 s, without progress for ``patience``, and after ``time_limit``. If a goal
-    is refused, cancelled or given up, the robot stays where it is until the next goal or a reset.
+    installed. That one is reached when the controller is done with it; it is given up, with the reason, without an estimate for
+    2.5 s, without progress for ``patience``, and after ``time_limit``. If a goal is refused, cancelled or given up, the robot
+    stays where it is until the next goal or a reset.
 
     Inputs, all optional: ``estimate`` (`Estimate`, on ``estimate``), ``goal`` (`Pose`, on ``goal_pose``), and if ``waypoints``
     is "room", ``room_goal`` (`Pose`, on ``room_goal``). Outputs: ``reference`` (`Pose`, on ``reference``), ``following``

@@ -58,7 +58,6 @@ class Graph:
         mode: "autonomous" or "teleoperation".
         processes: Whether each node runs in a process of its own.
         speed: 1 for real time, None for as fast as the nodes answer; any other value is the largest multiple of real time.
-            Teleoperation runs in real time.
         domain: ROS domain; None for that of the environment.
         namespace: Namespace of all nodes and topics, such as "robot1", so that several robots can share one ROS domain.
         frame_prefix: Prefix of all frames; None for that of the namespace, "robot1/".

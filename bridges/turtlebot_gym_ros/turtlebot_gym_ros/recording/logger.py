@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import sqlite3
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -24,7 +23,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -45,8 +43,6 @@ IN_FLIGHT = 0.2
 """Time to wait at the end for messages in transit, s."""
 DEPTH = 1000
 """Number of messages that a subscription keeps until it is asked."""
-REMEMBERED = 2 * DEPTH
-"""Number of messages of a topic among which one that another subscription has heard is recognized."""
 FULL = (sqlite3.Error, OSError)
 """What a full disk raises."""
 _FOREVER = QosTime(2147483647, 4294967295)
@@ -74,18 +70,11 @@ class Parameters:
 
 
 class _LoggedTopic(NamedTuple):
-    """A recorded topic. No subscription is given up for another, since what is sent between the two would be lost."""
-
     kind: str
-    write: Callable[..., None]
-    subscriptions: dict[tuple[bool, bool], Subscription]
-    """By whether they are reliable and whether they get what was said before."""
-
-    def collect(self) -> None:
-        """Record the messages that have arrived, at most as many as are kept, so that a flood does not hold up other topics."""
-        for subscription in self.subscriptions.values():
-            for message, info in waiting(subscription, DEPTH):
-                self.write(message, info)
+    quality: tuple[bool, bool]
+    """Whether it is reliable, and whether it gets what was said before."""
+    connection: Connection
+    subscription: Subscription
 
 
 class DataLogger(Node):
@@ -126,8 +115,7 @@ class DataLogger(Node):
             self._ended = f"the recording ended, and what was recorded is in {self.folder} (ros2 bag reindex): {error}"
             self.get_logger().error(self._ended)
             for topic in self._recorded.values():
-                for subscription in topic.subscriptions.values():
-                    self.destroy_subscription(subscription)
+                self.destroy_subscription(topic.subscription)
 
     def _report(self) -> None:
         level, text = (ERROR, self._ended) if self._ended else (OK, f"records {len(self._recorded)} topics")
@@ -142,43 +130,31 @@ class DataLogger(Node):
                 self._record(topic, wanted[0])  # a process can subscribe to only one type
 
     def _record(self, topic: str, kind: str) -> None:
-        """Subscribe with each quality of service that the publishers of a topic have."""
-        offers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic) if info.topic_type == kind]
-        wanted = {
-            (offer.reliability == ReliabilityPolicy.RELIABLE, offer.durability == DurabilityPolicy.TRANSIENT_LOCAL)
-            for offer in offers
-        }
-        recorded = self._recorded.get(topic)
-        if recorded is not None and recorded.kind != kind:
-            recorded.collect()
-            for subscription in recorded.subscriptions.values():
-                self.destroy_subscription(subscription)
-            recorded = None
-        if (topic, kind) in self._refused or not (new := wanted - (recorded.subscriptions.keys() if recorded else set())):
+        """Subscribe with the quality of service that all publishers of a topic offer, as rosbag2 does."""
+        infos = [info.qos_profile for info in self.get_publishers_info_by_topic(topic) if info.topic_type == kind]
+        reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in infos)
+        latched = all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in infos)
+        before = self._recorded.get(topic)
+        if not infos or (topic, kind) in self._refused or (before and before[:2] == (kind, (reliable, latched))):
             return
         try:
-            message, connection = self._open(topic, kind, latched=all(latched for _, latched in wanted))
+            message, connection = self._open(topic, kind, latched=latched)
         except (ValueError, LookupError, ImportError, AttributeError, OSError) as error:
             self._refused.add((topic, kind))
             self.get_logger().error(f"{topic} is not recorded: its type {kind} is not installed here ({error})")
             return
-        if recorded is None:
-            recorded = self._recorded[topic] = _LoggedTopic(kind, self._writer_of(connection), {})
-        for reliable, latched in new:
-            profile = QoSProfile(
-                depth=DEPTH,
-                reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-                durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-            )
-            recorded.subscriptions[reliable, latched] = self.create_subscription(
-                message,
-                topic,
-                recorded.write,
-                profile,
-                raw=True,
-                callback_group=self._collected,
-                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # another one hears the others
-            )
+        if before:
+            self._take(before)
+            self.destroy_subscription(before.subscription)
+        profile = QoSProfile(
+            depth=DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        subscription = self.create_subscription(
+            message, topic, lambda data: None, profile, raw=True, callback_group=self._collected
+        )
+        self._recorded[topic] = _LoggedTopic(kind, (reliable, latched), connection, subscription)
 
     def _open(self, topic: str, kind: str, *, latched: bool) -> tuple[type, Connection]:
         """Return a topic's type, and its place in the bag; raise an error if the type is not installed."""
@@ -189,26 +165,14 @@ class DataLogger(Node):
             self._opened[topic, kind] = message, connection
         return self._opened[topic, kind]
 
-    def _writer_of(self, connection: Connection) -> Callable[..., None]:
-        """Return a function that records a message of a topic, but not if another subscription has heard it."""
-        heard: set[int] = set()
-        order: deque[int] = deque()
-
-        def write(data: bytes, info: dict[str, int]) -> None:
-            which = hash((info["source_timestamp"], info["publication_sequence_number"], data))
-            if which in heard:
-                return
-            heard.add(which)
-            order.append(which)
-            if len(order) > REMEMBERED:
-                heard.remove(order.popleft())
-            self._writer.write(connection, info["received_timestamp"] or time.time_ns(), data)
-
-        return write
+    def _take(self, topic: _LoggedTopic) -> None:
+        """Record the messages that have arrived, at most as many as are kept, so that a flood does not hold up other topics."""
+        for data, info in waiting(topic.subscription, DEPTH):
+            self._writer.write(topic.connection, info["received_timestamp"] or time.time_ns(), data)
 
     def _collect(self) -> None:
         for topic in self._recorded.values():
-            topic.collect()
+            self._take(topic)
 
     def _commit(self) -> None:
         # rosbags commits only at the end; this attribute is private, hence its upper bound in pyproject.toml.
