@@ -65,9 +65,6 @@ def make_runner():
         runner.close()
 
 
-module_runner = pytest.fixture(running, name="module_runner", scope="module")
-
-
 class Peer:
     """An independent node that shares nothing with the shell: it receives topics, sends messages and calls services."""
 
@@ -108,12 +105,6 @@ class Peer:
 @pytest.fixture
 def peer(another_runner):
     return Peer(another_runner)
-
-
-@pytest.fixture(scope="module")
-def module_peer(module_runner):
-    """A peer for all tests of a module."""
-    return Peer(module_runner)
 
 
 @pytest.fixture

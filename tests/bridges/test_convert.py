@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_msgs.msg import Header
 
@@ -114,16 +113,6 @@ def test_all_but_the_heading_survives_to_the_bit():
         assert travel(Nis(P.xx)) == Nis(P.xx)
         assert travel(Nis(P.xx, P.yy, P.tt)) == Nis(P.xx, P.yy, P.tt)
         assert estimate.belief.covariance == P
-
-
-def test_the_innovation_is_no_variance_and_has_a_message_of_its_own():
-    estimate = Estimate(Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(*[0.1] * 8)), 4.0, 0.0)
-    message = conversion(Estimate).write(estimate, HEADER)
-    assert 4.0 not in {*message.pose.covariance, *message.twist.covariance}
-    assert conversion(Estimate).read(message).nis == 0.0
-    message = conversion(Nis).write(Nis(4.0), HEADER)
-    assert (message.header, message.status[0].hardware_id, message.status[0].level) == (HEADER, "odom", DiagnosticStatus.OK)
-    assert conversion(Nis).write(Nis(30.0), HEADER).status[0].level == DiagnosticStatus.WARN
 
 
 def test_a_type_of_ones_own_can_be_registered():

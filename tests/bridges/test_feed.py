@@ -156,15 +156,6 @@ def test_a_command_rests_on_the_oldest_of_the_newest_required_measurements():
     assert resting_on(feeds, 99) == 7_500_000_000
 
 
-def test_what_is_given_once_is_gone_after_one_step():
-    feed, _ = make(required=False, once=True)
-    feed.accept("goal", 100.0, 7)
-    assert feed.take(100.1, 0) == "goal"
-    assert feed.take(100.1, 0) is None
-    feed.accept("another", 100.2, 8)
-    assert feed.take(100.2, 0) == "another"
-
-
 def test_an_aged_value_comes_with_the_difference_of_the_stamps():
     feed, _ = make(aged=True)
     assert feed.take(100.0, 5) is None

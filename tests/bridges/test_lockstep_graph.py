@@ -2,15 +2,11 @@
 
 import signal
 
-import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
-from turtlebot_gym import NOISES, values, write_parameters
-from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.values import STOP, Belief, Covariance, Pose, State
+from turtlebot_gym import NOISES, write_parameters
 from turtlebot_gym_ros import Graph
-from turtlebot_gym_ros.graph.recorder import Recorder
 
 STEPS = 300
 LEAST = 0.0
@@ -97,21 +93,3 @@ def test_a_node_that_is_suspended_is_waited_for_and_costs_no_bit(compare, name):
         graph.wait_until(lambda graph: graph.time >= 10.0)
         trajectory = graph.trajectory()
     assert_same(compare, compare.episode(drive, 100), compare.first(trajectory, 100))
-
-
-def test_a_recorder_counts_from_the_first_step_whatever_it_hears_first(runner):
-    """Topics come in any order: what is said of a step before its true state belongs to it all the same."""
-    recorder = Recorder(runner.context, lock_step=True)
-    try:
-        said = {"true_state": State(0.0, 0.0, 0.0, 0.0, 0.0), "odom": values.Odometry(Pose(0.0, 0.0, 0.0), STOP, True)}
-        belief = Belief(said["true_state"], Covariance(*[0.0] * 8))
-        said |= {"estimate": Estimate(belief, 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
-        for first in said:
-            start = {"true_state": 1, "odom": 62, "estimate": 123, "reference": 184}[first] * 10**9  # episodes, a minute apart
-            for k in range(2):
-                for topic in sorted(said, key=lambda topic, first=first: topic != first):
-                    recorder._add(start + k * 10**9, topic, said[topic])
-            assert recorder.time == 1.0
-            np.testing.assert_array_equal(recorder.trajectory().time, [0.0, 1.0])
-    finally:
-        recorder.node.destroy_node()

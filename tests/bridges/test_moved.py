@@ -215,8 +215,3 @@ def test_a_robot_stands_while_odometry_that_was_heard_is_lost_and_goes_on_with_i
     assert 2.9 < max(at for at, command in told if command != STOP) < 3.1
     assert not arbiter.emergency
     assert drive(arbiter, 5.0, 1.0, moves)[-1][1].v > 0.2
-
-
-def test_a_robot_whose_odometry_was_never_heard_drives():
-    arbiter = Arbiter(Parameters(), 100.0)
-    assert drive(arbiter, 0.0, 3.0, None)[-1][1].v > 0.2

@@ -62,16 +62,6 @@ def test_a_stop_is_one_second_of_zeros_every_50_ms_and_then_silence(disable):
     assert safety.enabled is not disable
 
 
-def test_stops_at_exact_times():
-    safety = active(now=10.0)
-    safety.stop("because", now=10.0)
-    assert safety.tick(now=10.0)
-    assert not safety.tick(now=10.0)
-    safety.tick(now=10.9375)
-    assert not safety.tick(now=11.0)  # the second is over
-    assert safety.state == "silent: because"
-
-
 def test_a_blocked_step_is_a_fault():
     safety = active(now=20.0)
     safety.begin(now=20.0)

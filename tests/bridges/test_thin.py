@@ -4,7 +4,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 from thin import drive
 
 TRAINS = ("llvmlite", "scipy", "gymnasium", "filterpy", "torch", "stable_baselines3", "onnx", "mujoco")
@@ -50,16 +49,3 @@ def test_the_robots_nodes_load_nothing_beside_ros_that_the_extra_deploy_does_not
     foreign = {name for name in done.stdout.split() if not name.endswith(("_msgs", "_srvs", "_interfaces"))}
     brought_by_rosbags = {"rosbags", "lz4", "zstandard", "backports", "ruamel", "apsw"}
     assert foreign <= {"numpy", "yaml", "typing_extensions", *brought_by_rosbags}
-
-
-TOGETHER = ["kalman_filter", "localizer", "velocity_controller", "waypoint_generator"]
-
-
-@pytest.mark.parametrize("nodes", [["cmd_vel_standby"], TOGETHER], ids=" ".join)
-def test_a_robots_nodes_come_up_and_end_without_what_trains_and_draws(launch, peer, wait_for, nodes):
-    body = f"from turtlebot_gym_ros.__main__ import main; raise SystemExit(main({nodes}))"
-    process = launch(*without(body))
-    wait_for(lambda: {*nodes} <= {*peer.node.get_node_names()} or process.poll() is not None)
-    assert process.poll() is None, process.communicate()[1]
-    process.terminate()
-    assert process.wait(timeout=10.0) == 0

@@ -51,7 +51,7 @@ def test_a_signal_sends_zeros_and_ends_in_order(start, probe, number):
 @pytest.mark.parametrize(
     ("change", "topic"),
     [
-        ("guard.CmdVelGuard._press = lambda *_, **__: 1 / 0", "/emergency_stop"),  # whichever callback takes the message
+        ("guard.CmdVelGuard._hear_button = lambda *_, **__: 1 / 0", "/emergency_stop"),  # whichever callback takes the message
         ("guard.Arbiter.hear_odometry = lambda *_, **__: 1 / 0", "/odom"),
     ],
 )

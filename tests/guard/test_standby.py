@@ -8,7 +8,7 @@ import pytest
 from geometry_msgs.msg import Twist, TwistStamped
 from std_msgs.msg import Empty
 
-from cmd_vel_guard.standby import ALONE, LINGER, CmdVelStandby, Standby, main
+from cmd_vel_guard.standby import ALONE, LINGER, CmdVelStandby, Standby
 
 PERIOD = 0.02
 
@@ -97,18 +97,6 @@ def test_the_node_sends_zeros_in_the_frame_of_the_guard_and_says_so(stamped, pee
     assert (zero.twist if stamped else zero) == Twist()
     assert not stamped or (zero.header.frame_id == "robot1/base_link" and zero.header.stamp.sec > 0)
     assert logged == ["the guard fell silent for 0.18 s while the robot moved: zeros"]
-
-
-def test_it_leaves_its_terminal_and_runs_before_the_guard(monkeypatch):
-    ran = []
-    monkeypatch.setattr("cmd_vel_guard.standby.leave", lambda: [7])
-    monkeypatch.setattr("cmd_vel_guard.standby.precede", ran.append)
-    monkeypatch.setattr(
-        "cmd_vel_guard.standby.run",
-        lambda make, argv, *, local, lifelines: ran.append((*make, argv, lifelines)) or 3,
-    )
-    assert main(["--ros-args"]) == 3
-    assert ran == [2, (CmdVelStandby, ["--ros-args"], [7])]
 
 
 @pytest.fixture

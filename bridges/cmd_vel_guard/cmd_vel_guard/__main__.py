@@ -17,13 +17,11 @@ HELP = f"usage: python -m cmd_vel_guard NODE [--ros-args -p NAME:=VALUE ... -r F
 def main() -> int:
     """Run a node, and return its exit code."""
     name, *rest = sys.argv[1:] or ["--help"]
-    if name in ("-h", "--help"):
-        print(HELP)
-        return 0
-    if name not in NODES:
-        print(f"error: there is no node {name!r}. {HELP}", file=sys.stderr)
-        return 2
-    return _run(name, rest)
+    if name in NODES:
+        return _run(name, rest)
+    asked = name in ("-h", "--help")
+    print(HELP if asked else f"error: there is no node {name!r}. {HELP}", file=sys.stdout if asked else sys.stderr)
+    return 0 if asked else 2
 
 
 def _run(name: str, rest: list[str]) -> int:

@@ -137,8 +137,6 @@ class CmdVelGuard(Node):
         return receive
 
     def _hear(self, topic: str, source: str) -> None:
-        """Subscribe to commands."""
-
         def hear(message: Any, info: Mapping[str, Any]) -> None:
             twist, now = (message.twist if self._p.enable_stamped_cmd_vel else message), self._now()
             age, command = self._age(topic, message, info, now), Command(twist.linear.x, twist.angular.z)
@@ -147,16 +145,14 @@ class CmdVelGuard(Node):
 
         self._subscribe(self._type, topic, hear, LATEST)
 
-    def _hear_button(self, message: Bool, info: Mapping[str, Any], *, prompt: bool = False) -> None:
-        self._press(message, info, prompt=prompt)
-        self._step()
-
-    def _press(self, message: Bool, info: Mapping[str, Any], *, prompt: bool) -> None:
+    def _hear_button(self, message: Bool, info: Mapping[str, Any], *, prompt: bool = False, step: bool = True) -> None:
         now = self._now()
         age = self._age(BUTTONS, message, info, now, hurried=prompt)
         number = info["publication_sequence_number"]
-        sent = now - age.sent
-        self._arbiter.hear_emergency(message.data, now, sent=sent, dated=age.dated, number=number, prompt=prompt)
+        times = {"sent": now - age.sent, "dated": age.dated}
+        self._arbiter.hear_emergency(message.data, now, **times, number=number, prompt=prompt)
+        if step:
+            self._step()
 
     def _hear_pose(self, topic: str, message: Odometry, info: Mapping[str, Any]) -> None:
         """Take a pose for the geofence, odometry for the motion, or both."""
@@ -176,14 +172,7 @@ class CmdVelGuard(Node):
     def _scan(self, message: LaserScan, info: Mapping[str, Any]) -> None:
         now = self._now()
         age = self._age("scan", message, info, now)
-        scan = RawScan(
-            message.ranges,
-            message.angle_min,
-            message.angle_increment,
-            message.range_min,
-            message.range_max,
-            message.header.frame_id,
-        )
+        scan = RawScan(*(getattr(message, name) for name in RawScan._fields[:-1]), message.header.frame_id)
         # The stamp may be that of the first beam.
         self._arbiter.hear_scan(scan, now, sent=now - age.since(self._p.scan_period), dated=age.dated)
         self._step()
@@ -202,7 +191,7 @@ class CmdVelGuard(Node):
         """Take the messages of the buttons that no callback has processed yet, at most `MOST` of each kind."""
         for prompt, buttons in ((False, self._buttons), (True, self._promptly)):
             for message, info in waiting(buttons, MOST):
-                self._safely(BUTTONS, partial(self._press, prompt=prompt))(message, info)
+                self._safely(BUTTONS, partial(self._hear_button, prompt=prompt, step=False))(message, info)
         self._arbiter.count_buttons(self._buttons.get_publisher_count(), self._now())
 
     def _hear_standby(self, message: Empty, info: Mapping[str, Any]) -> None:

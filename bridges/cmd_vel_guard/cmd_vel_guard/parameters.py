@@ -122,13 +122,5 @@ def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]
     timing = Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
     body = Footprint(p.radius, p.footprint_x, Mount(p.frame_prefix + p.scan_frame, p.scan_x, p.scan_y, p.scan_yaw))
     limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
-    return Monitor(
-        body,
-        limits,
-        timing,
-        speed=p.max_linear,
-        turning=p.max_angular,
-        now=now,
-        given=p.scan_mount == "given",
-        mount_of=mount_of,
-    )
+    most = {"speed": p.max_linear, "turning": p.max_angular}
+    return Monitor(body, limits, timing, **most, now=now, given=p.scan_mount == "given", mount_of=mount_of)

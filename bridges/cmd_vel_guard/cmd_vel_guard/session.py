@@ -16,16 +16,7 @@ LIFELINE = "NODE_LIFELINE"
 """Environment variable with the number of the file that ends with the process that started this one."""
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that end a process: Ctrl-C, ``kill``, a closed terminal, and Ctrl with a backslash."""
-OTHERS = (
-    signal.SIGUSR1,
-    signal.SIGUSR2,
-    signal.SIGALRM,
-    signal.SIGVTALRM,
-    signal.SIGPROF,
-    signal.SIGIO,
-    signal.SIGPWR,
-    signal.SIGXCPU,
-)
+OTHERS = tuple(getattr(signal, f"SIG{name}") for name in ("USR1", "USR2", "ALRM", "VTALRM", "PROF", "IO", "PWR", "XCPU"))
 """All others that end a process by default, but for crashes."""
 SUSPENSIONS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 """Signals that suspend a process: Ctrl-Z, and using the terminal from its background."""

@@ -78,9 +78,8 @@ class Standby:
     def look(self, motions: Sequence[bool], now: float) -> bool:
         """Return whether to publish a zero now.
 
-        Args:
-            motions: The messages since the last look, in order: whether each moves the robot. Zeros may be the standby's own.
-            now: Current time. Messages came after the last look, which may have been late itself.
+        The messages since the last look, which may have been late itself, move the robot or not; zeros may be the standby's
+        own.
         """
         came = max(self._looked, now - LATE)
         self._looked = now
@@ -110,9 +109,8 @@ class CmdVelStandby(Node):
         self._parent, self._guarded, self._asked = os.getppid(), time.monotonic(), math.inf
         self._velocity = self.create_publisher(self._type, "cmd_vel", QoSProfile(depth=1))
         self._alive = self.create_publisher(Empty, "~/alive", QoSProfile(depth=1))
-        self._guard = self.create_subscription(
-            self._type, "cmd_vel", lambda message: None, STREAM, callback_group=PolledGroup()
-        )
+        polled = PolledGroup()
+        self._guard = self.create_subscription(self._type, "cmd_vel", lambda message: None, STREAM, callback_group=polled)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(PERIOD, self._look, clock=steady)
         self.create_timer(0.1, self._live, clock=steady)
