@@ -8,26 +8,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from cmd_vel_guard import reports
-from cmd_vel_guard.executor import PolledGroup
-from turtlebot_gym_ros.base.executor import FastGroup, take
-
-
-def test_a_topic_that_nobody_waits_for_is_heard_when_it_is_taken(peer, another_runner, wait_for):
-    heard = []
-    subscription = peer.node.create_subscription(
-        String,
-        "polled",
-        lambda message, info: heard.append(info["source_timestamp"]),
-        10,
-        callback_group=PolledGroup(),
-    )
-    publisher, others = peer.speak("polled", String), peer.hear("others", String)
-    talker = peer.speak("others", String)
-    wait_for(publisher.get_subscription_count)
-    publisher.publish(String(data="there"))
-    wait_for(lambda: talker.publish(String(data="there")) or len(others) > 5)
-    assert heard == []
-    wait_for(lambda: take(subscription, peer.node) or heard)
+from turtlebot_gym_ros.base.executor import FastGroup
 
 
 @pytest.mark.parametrize("group", [None, FastGroup])

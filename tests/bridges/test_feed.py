@@ -7,11 +7,10 @@ import pytest
 from bench import odometry
 from geometry_msgs.msg import TwistStamped
 from rclpy.time import Time
-from sensor_msgs.msg import LaserScan, TimeReference
+from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Header
 
 from cmd_vel_guard.sent import Age, SystemClock
-from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Command, State
 from turtlebot_gym_ros.node.block import Input, Stamped
 from turtlebot_gym_ros.node.convert import conversion
@@ -53,15 +52,6 @@ def test_a_message_in_another_frame_is_refused():
         with pytest.raises(ValueError, match=f"its frame is '{other}' instead of 'odom'"):
             feed.read(odometry(frame=other), "odom")
     assert unconnected(Command).read(TwistStamped(), "odom") == (0.0, 0.0)  # a velocity is stated in the robot's own frame
-
-
-def test_what_ages_in_a_frame_of_the_robot_has_the_mount_of_its_sensor():
-    for kind, asked in ((Scan, ["base_scan"]), (State, [])):
-        frames = []
-        feed = unconnected(kind, aged=True, mount=frames.append)
-        scan = LaserScan(header=Header(frame_id="base_scan"), ranges=[1.0] * 4, angle_increment=1.5, range_max=2.0)
-        feed.read(scan if kind is Scan else odometry(), "odom")
-        assert frames == asked
 
 
 AWAITED, OLD = "waits for /robot/odom", "/robot/odom is older than {} s"

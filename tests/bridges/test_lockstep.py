@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from turtlebot_gym.values import Command, Pose
+from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.node.block import Every, Input, On
-from turtlebot_gym_ros.node.lockstep import Answers, Plant, Turn, trigger_of
+from turtlebot_gym_ros.node.lockstep import Answers, Plant, Turn
 
 S = 1_000_000_000
 TENTH = 100_000_000
@@ -131,16 +131,6 @@ def test_a_leap_of_the_stamps_is_a_new_episode_ahead_and_back():
     assert (turn, gap is not None) == (Turn.STEP, True)
 
 
-def test_a_block_that_steps_more_rarely_answers_the_steps_between_with_its_last_answer():
-    rule = answers(On("estimate", period=0.1))
-    turns = []
-    for k in range(6):
-        stamp = S + k * TENTH // 2
-        turns.append(rule.hear("estimate", {"estimate": stamp})[0])
-        rule.answer(stamp)
-    assert turns == [Turn.STEP, Turn.HOLD] * 3
-
-
 def test_the_stamps_of_a_robot_are_refused_where_they_would_count():
     rule = answers(goal="latest")
     rule.check("estimate", 61 * S)
@@ -182,14 +172,3 @@ def test_a_speed_is_a_limit_and_what_was_lost_is_not_caught_up_with():
     assert unlimited.wait(0.0) == 0.0
     unlimited.advance(0.0)
     assert unlimited.wait(0.0) == 0.0
-
-
-def test_what_runs_in_lock_step_and_what_cannot():
-    command = {"command": Input(topic="cmd_vel", type=Command, lock_step="same")}
-    assert trigger_of(Every(0.1, 1.0), command) is None
-    assert trigger_of(Every(0.1, answers="estimate"), {}) == On("estimate")
-    assert trigger_of(On("odometry", period=0.2), {}) == On("odometry", period=0.2)
-    with pytest.raises(ValueError, match="answers no step"):
-        trigger_of(Every(0.1), {})
-    with pytest.raises(ValueError, match="an input on cmd_vel"):
-        trigger_of(On("odometry"), {"command": Input(topic="cmd_vel", type=Command, lock_step="refused")})

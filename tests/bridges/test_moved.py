@@ -89,11 +89,13 @@ def test_a_wrong_sign_is_noticed_within_1_s(noise, start, command, axis):
     assert at <= max(start, 1.0) + 1.0
 
 
-def test_motion_that_nobody_commanded_is_noticed():
+@pytest.mark.parametrize("twist", [Command(0.2, 0.0), STOP], ids=["pose and twist", "pose only"])
+def test_motion_that_nobody_commanded_is_noticed(twist):
     ticks = iter(range(10**6))
 
-    def rolls(pose, twist, now, speed):
-        return Pose(now.x + 0.2 * DT * next(ticks), now.y, now.theta), Command(0.2, 0.0)
+    def rolls(pose, _, now, speed):
+        way = 0.2 * DT * next(ticks)
+        return Pose(pose.x + way * math.cos(pose.theta), pose.y + way * math.sin(pose.theta), pose.theta), twist
 
     at, why = alarm(Kind(), 9.0, 1, spoil=after(5.0, rolls), drive=lambda at: STOP)
     assert why == EXTRA

@@ -39,13 +39,6 @@ def test_a_scan_travels_to_the_bit(beams):
         assert back[1:] == scan[1:]
 
 
-@pytest.mark.parametrize("changes", [{"ranges": []}, {"angle_increment": 0.0}, {"ranges": [math.nan] * 360}])
-def test_what_cannot_be_read_at_all_is_refused_with_one_line(changes):
-    """By the rule of the collision monitor, whose tests list what that is."""
-    with pytest.raises(ValueError, match=r"^(the|none of the) scan.*$"):
-        WAY.read(over_the_wire(a_message(**changes)))
-
-
 @pytest.mark.parametrize("distance", [0.25, -0.125, math.inf, 0.0])
 def test_a_clearance_travels_and_one_that_is_no_number_is_refused(distance):
     way = conversion(Clearance)

@@ -128,18 +128,6 @@ def test_an_arc_may_be_as_straight_as_it_likes_and_what_moves_across_or_not_at_a
     assert (times_to_contact(outside, Command(0.0, 1.0), 0.0) == math.inf).all()
 
 
-@pytest.mark.parametrize("depth", [0.05, 0.0], ids=["inside", "at the edge"])
-def test_from_inside_only_what_comes_nearer_is_contact(depth):
-    near = points((0.15 - depth, 0.0, 0.15))
-    commands = {0.0: [(0.1, 0.0), (0.1, 1.0)], math.inf: [(-0.1, 0.0), (-0.1, 1.0), (0.0, 1.0), (0.0, 0.0)]}
-    for time, turns in commands.items():
-        assert [float(times_to_contact(near, Command(*command), 0.0)[0]) for command in turns] == [time] * len(turns)
-    # A footprint behind the axle swings to the side where the robot turns on the spot.
-    beside = points((-0.1, 0.15 - depth, 0.15))
-    assert times_to_contact(beside, Command(0.0, 1.0), -0.1) == [math.inf]
-    assert times_to_contact(beside, Command(0.0, -1.0), -0.1) == [0.0]
-
-
 # What a scan says.
 
 
@@ -211,19 +199,6 @@ GAPS = {
     "a LiDAR that closes the circle": (scan([2.0] * 361, angle_increment=math.radians(1.0)), FREE, FREE),
     "clockwise, from behind": (scan([2.0] * 360, angle_min=math.pi, angle_increment=-math.radians(1.0)), FREE, FREE),
 }
-
-
-@pytest.mark.parametrize(("gap", "ahead", "back"), GAPS.values(), ids=GAPS)
-def test_a_gap_narrower_than_the_robot_is_filled_and_a_wider_one_slows_down_who_drives_into_it(gap, ahead, back):
-    for command, said in ((AHEAD, ahead), (BACK, back)):
-        monitor = standing()
-        monitor.hear(gap, sent=T)
-        allowed = monitor.limit(command, T)
-        assert monitor.state.startswith(said)
-        assert (allowed == command) == (said == FREE)
-        if said == SLOW:
-            assert 0.0 < abs(allowed.v) <= LIMITS.escape_speed * 1.02
-        assert monitor.limit(Command(0.0, 2.0), T) == Command(0.0, 2.0)  # it may look round
 
 
 def test_unknown_space_is_entered_slowly_and_then_no_more_until_the_robot_has_moved_where_it_sees():

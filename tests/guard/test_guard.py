@@ -177,18 +177,6 @@ def test_a_press_while_the_guard_is_suspended_is_not_lost(driving, probe):
     assert set(probe.heard) <= {STOP}
 
 
-def test_the_first_message_of_a_guard_that_is_started_again_is_a_zero(start, probe):
-    for _ in range(2):
-        guard = start()
-        probe.until_driving()  # the commands go on meanwhile
-        guard.kill()
-        guard.wait()
-        probe.heard.clear()
-    start()
-    probe.until(lambda: AHEAD in probe.heard)
-    assert probe.heard[0] == STOP
-
-
 def test_emergency_stop(start, probe):
     start()
     probe.until_driving()
