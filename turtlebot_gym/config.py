@@ -162,8 +162,7 @@ def as_int(name: str, value: Any, least: int = 0, most: float = math.inf) -> int
     return Range(least, most, whole=True).check(name, value)
 
 
-def as_bool(name: str, value: Any) -> bool:
-    """Return a boolean, of Python or NumPy, as Python's, or raise the `refusal` of anything else."""
+def _as_bool(name: str, value: Any) -> bool:
     truth = _item(value)
     if not isinstance(truth, bool):
         raise refusal(name, "True or False", value)
@@ -212,7 +211,7 @@ def _check(hint: Any, rule: Rule | None) -> Callable[[str, Any], Any] | None:
         return lambda name, value: None if value is None and NoneType in get_args(hint) else rule.check(name, value)
     if isinstance(hint, type) and is_dataclass(hint):
         return lambda name, value: build(hint, value, name)
-    return {float: as_number, int: as_int, bool: as_bool, tuple[float, ...]: Numbers().check}.get(hint)
+    return {float: as_number, int: as_int, bool: _as_bool, tuple[float, ...]: Numbers().check}.get(hint)
 
 
 @cache

@@ -13,15 +13,10 @@ def _installed(group: str) -> EntryPoints:
     return entry_points(group=group)
 
 
-def names_in(group: str) -> tuple[str, ...]:
-    """Return the names that installed packages offer in a group, in order; some may fail to load."""
-    return tuple(sorted(_installed(group).names))
-
-
 def loadable(group: str) -> dict[str, Any]:
     """Return what installed packages offer in a group, by name; what cannot be loaded is left out."""
     found = {}
-    for name in names_in(group):
+    for name in sorted(_installed(group).names):
         with suppress(ImportError):
             found[name] = load_entry_point(group, name)
     return found

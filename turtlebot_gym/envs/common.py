@@ -20,22 +20,12 @@ from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options, Outcome, Parameters, Setup, System
 
-PARTS = {
-    "true_state": "body.true_state",
-    "odometry": "senses.odometry.pose",
-    "estimate": "estimate.belief.mean",
-    "covariance": "estimate.belief.covariance",
-    "reference": "course.reference",
-    "command": "body.command",
-}
+PARTS = {"true_state": "body.true_state", "odometry": "senses.odometry.pose", "estimate": "estimate.belief.mean"}
+PARTS |= {"covariance": "estimate.belief.covariance", "reference": "course.reference", "command": "body.command"}
 """Keys of ``info`` that are parts of a world, with their paths in `turtlebot_gym.systems.Snapshot`."""
 
-ROOM_PARTS = {
-    "clearance": "room.clearance",
-    "path_length": "room.path_length",
-    "way_left": "room.way",
-    "collision": "room.collided",
-}
+ROOM_PARTS = {"clearance": "room.clearance", "path_length": "room.path_length", "way_left": "room.way"}
+ROOM_PARTS |= {"collision": "room.collided"}
 """Further ones in a room, single numbers."""
 
 FLAGS = ("measured", "slipping", "collision")
@@ -63,11 +53,7 @@ def spaces_of(system: System) -> tuple[spaces.Space[NDArray[np.float32]], spaces
 
 
 def make_batch(setup: Setup, num_envs: int, *, shares: bool) -> Batch:
-    """Make the batch of an environment, with or without the shares of the reward.
-
-    Raises:
-        ValueError: If a given room has no path from start to goal.
-    """
+    """Make the batch of an environment, with or without the shares of the reward; refuse a given room without a path."""
     parameters, waypoints, plan, system = setup
     if plan:
         first = Batch(1, parameters, waypoints, system=system, plan=plan)
@@ -77,11 +63,7 @@ def make_batch(setup: Setup, num_envs: int, *, shares: bool) -> Batch:
 
 
 def with_limit(options: Options, steps: float | None) -> Setup:
-    """Return what options stand for, with a limit of steps instead of the task's own; None for the task's own.
-
-    Raises:
-        ValueError: If a task of the caller's own has another limit.
-    """
+    """Return what options stand for, with a limit of steps in place of the task's; refuse one that the task contradicts."""
     setup = options.setup()
     max_steps = setup.parameters.task.max_steps
     if steps is None:

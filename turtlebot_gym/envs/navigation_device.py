@@ -15,7 +15,7 @@ from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.config import choose, refusal, short_repr
 from turtlebot_gym.envs.common import read_options, with_limit
 from turtlebot_gym.envs.vector import SeededVectorEnv
-from turtlebot_gym.systems import Options, Parameters, System, find_system
+from turtlebot_gym.systems import Options, Parameters, find_system
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -29,17 +29,9 @@ _SUCCESS, _TERMINATED, _TRUNCATED, _ENDED = range(len(FLAGS))
 
 
 def find_device(device: str) -> str:
-    """Return the name of a device that is there, as torch knows it.
-
-    Args:
-        device: "cuda", "cuda:1" and so on, or "torch-cpu".
-
-    Raises:
-        ValueError: If there is no such device.
-        ImportError: If torch is missing.
-    """
+    """Return the name of a device that is there, as torch knows it."""
     if device != ON_PROCESSOR and not (isinstance(device, str) and re.fullmatch(r"cuda(:\d+)?", device)):
-        raise ValueError(f"device must be 'cpu', 'cuda', 'cuda:1' and so on, or {ON_PROCESSOR!r}, got {short_repr(device)}.")
+        raise refusal("device", f"'cpu', 'cuda', 'cuda:1' and so on, or {ON_PROCESSOR!r}", device)
     try:
         import torch
     except ImportError as error:
@@ -53,21 +45,6 @@ def find_device(device: str) -> str:
             "Leave device out, and the engine runs on this processor."
         )
     return f"cuda:{number}"
-
-
-def _refuse(device: str, system: System, info: str, render_mode: str | None, mode: AutoresetMode) -> None:
-    """Refuse what a device cannot do."""
-    asked = {
-        "rooms": system.surroundings is not None,
-        "a filter in plain Python": not system.compiled,
-        "an observation of past values": any(term.length > 1 for term in system.terms),
-        f"info={short_repr(info)}": info != "default",
-        f"render_mode={short_repr(render_mode)}": render_mode is not None,
-        "autoreset_mode='Disabled'": mode is AutoresetMode.DISABLED,
-    }
-    for what, is_asked in asked.items():
-        if is_asked:
-            raise ValueError(f"device={device!r} cannot do {what}: leave device out, and the engine does.")
 
 
 class NavigationDeviceEnv(SeededVectorEnv):
@@ -108,11 +85,21 @@ class NavigationDeviceEnv(SeededVectorEnv):
         **options: Any,
     ) -> None:
         super().__init__(num_envs, autoreset_mode)
-        info = choose("info", info, {kind: kind for kind in ("default", "rewards", "full")})
-        render_mode = choose("render_mode", render_mode, {kind: kind for kind in (None, "rgb_array")})
+        choose("info", info, dict.fromkeys(("default", "rewards", "full")))
+        choose("render_mode", render_mode, dict.fromkeys((None, "rgb_array")))
         setup = with_limit(Options.of(options), max_episode_steps)
         system = find_system(setup.system, setup.parameters)
-        _refuse(device, system, info, render_mode, self.autoreset_mode)
+        asked = {
+            "rooms": system.surroundings is not None,
+            "a filter in plain Python": not system.compiled,
+            "an observation of past values": any(term.length > 1 for term in system.terms),
+            f"info={info!r}": info != "default",
+            f"render_mode={render_mode!r}": render_mode is not None,
+            "autoreset_mode='Disabled'": self.autoreset_mode is AutoresetMode.DISABLED,
+        }
+        for what, is_asked in asked.items():
+            if is_asked:
+                raise ValueError(f"device={device!r} cannot do {what}: leave device out, and the engine does.")
         name = find_device(device)
         try:
             self._batch = DeviceBatch(self.num_envs, setup.parameters, setup.waypoints, system=system, device=name)
@@ -130,11 +117,7 @@ class NavigationDeviceEnv(SeededVectorEnv):
         self._steps = 0
 
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
-        """Refuse other parameters.
-
-        Raises:
-            ValueError: Always, since the parameters are part of the kernels.
-        """
+        """Refuse other parameters, since they are part of the kernels."""
         raise ValueError("parameters are part of a device's kernels: make another environment with them, or leave device out.")
 
     def reset(
@@ -148,11 +131,6 @@ class NavigationDeviceEnv(SeededVectorEnv):
 
         Returns:
             Observations of all environments, and infos; those outside the mask are zero.
-
-        Raises:
-            ValueError: If a seed or an option is invalid.
-            ResetNeeded: If the mask leaves out an environment that was never reset.
-            InvalidAction: If an action was not finite since the last check.
         """
         mask, batch = self._mask(options), self._batch
         self._check_actions()
@@ -176,10 +154,6 @@ class NavigationDeviceEnv(SeededVectorEnv):
 
         Args:
             actions: Shape (N, 2), on the device: shares of the speed and turning rate limits; values beyond 1 are clipped.
-
-        Raises:
-            InvalidAction: If the actions are no such tensor, or one was not finite since the last check.
-            ResetNeeded: If the environments were never reset.
         """
         values = self._read_actions(actions)
         if not self._begun:
@@ -211,10 +185,7 @@ class NavigationDeviceEnv(SeededVectorEnv):
 
         shape = (self.num_envs, 2)
         if not (isinstance(actions, torch.Tensor) and actions.device == self.device and actions.shape == shape):
-            raise InvalidAction(
-                f"Actions are a tensor of shape {shape} on {self.device}, got {short_repr(actions)}: convert them by "
-                f"torch.as_tensor(actions, device={str(self.device)!r})."
-            )
+            raise InvalidAction(f"Actions are a tensor of shape {shape} on {self.device}, got {short_repr(actions)}.")
         return actions.detach().to(torch.float32).contiguous()
 
     def _check_actions(self) -> None:

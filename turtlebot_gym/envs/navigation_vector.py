@@ -142,9 +142,6 @@ class NavigationVectorEnv(SeededVectorEnv):
                 list, begins the next episode of the seed in use.
             options: ``reset_mask``, boolean, shape (N,): reset only these. The others keep their state and have no infos.
 
-        Returns:
-            Observations of all environments, and infos.
-
         Raises:
             ValueError: If a seed or an option is invalid, or no path leads from start to goal.
             ResetNeeded: If the mask leaves out an environment that was never reset and so has no observation.
@@ -263,11 +260,7 @@ class NavigationVectorEnv(SeededVectorEnv):
         return self._batch.world(index)
 
     def truth(self) -> tuple[Scene, NDArray[np.float64], NDArray[np.float64]]:
-        """Return the ground truth in rooms: the rooms, the true states (N, 5), and the goals' poses (N, 3).
-
-        Raises:
-            ValueError: On open ground.
-        """
+        """Return the ground truth in rooms: the rooms, the true states (N, 5), and the goals' poses (N, 3)."""
         if not self._in_room:
             raise ValueError("truth is of rooms: there is none on open ground.")
         return self._batch.scenes, self._batch.numbers("body.true_state"), self._batch.numbers("course.reference")
