@@ -19,5 +19,7 @@ RUN pip install --constraint constraints.txt '.[agents,ros,lab,view]'
 USER robot
 WORKDIR /home/robot
 # Machine code for this processor; another one compiles at first use.
-RUN turtlebot-gym compile
+RUN python -c "import gymnasium as gym; \
+    [env.reset() and env.step(env.action_space.sample()) for name in ('Nav', 'Square', 'Rooms') \
+    for env in [gym.make(f'turtlebot_gym:turtlebot_gym/TurtleBot{name}-v0')]]"
 CMD ["turtlebot-gym", "--help"]

@@ -58,18 +58,14 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	@echo "  square/policy.onnx   that policy: $(RUN)turtlebot-gym watch --env $(SQUARE) --policy $(OUT)/square/policy.onnx"
 
 ##@ Test
-# What the tests use; several compile faster in one process, since systems share most kernels.
-COMPILED := nav kalman wheels gated kalman+fixes wheels+fixes rooms-kalman rooms-wheels rooms-localized
 ELSEWHERE := not slow and not clients and not cluster and not browser
 # Reordered, the files of the fewest tests, which last longest, would come last.
 IN_PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 
 test: $(READY)  ## before each commit: laws on a sample of their cases, and long tests of parts that the last commit touches (12 minutes)
-	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE) and not nightly"
 
 test-all: $(READY)  ## all of that, pages that train, further live graphs, and statistics of size (45 minutes)
-	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE)"
 
 test-slow: $(READY)  ## the tests that take minutes, among them more than 20,000 inputs of all kinds

@@ -10,11 +10,13 @@ a *kernel*: open ground, rooms and filters differ in their kernels only. Plain P
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.observations import History, observing, row_of
@@ -23,23 +25,94 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.rooms import WithTerms, find_system
 from turtlebot_gym.systems.sensors import looking, sensing
-from turtlebot_gym.systems.system import System, course_after
-from turtlebot_gym.systems.world import Outcome, Snapshot, outcome_of
+from turtlebot_gym.systems.system import RoomParts, System, course_after
+from turtlebot_gym.systems.world import Judgement, Outcome, Snapshot, outcome_of
 from turtlebot_gym.tasks import StartAndGoal, distance_to, draw_goal
 from turtlebot_gym.values import Command, Pose
 
 
-def begin(system: System, start: Pose, key: int, waypoints: Any, p: Parameters, scene: Any) -> Snapshot:
-    """Return the world at the start of an episode, at rest; the arguments are those of `step`."""
-    first_sense, _ = sensing(system.sensors)
-    body = system.start(start)
-    senses = first_sense(body, key, p)
-    estimate, course = system.first_estimate(senses, p), course_after(0.0, waypoints, p.task.laps)
-    world = Snapshot(body, senses, estimate, course, 0.0, ())
-    if system.surroundings:
-        room = system.surroundings.first_look(world, key, p, scene)
-        world = world._replace(room=room, senses=looking(system.sensors)(senses, room, p))
-    return world
+@kernel
+def _goal_stays(world: Snapshot, judgement: Judgement, key: int, p: Any, scene: Any) -> tuple[Snapshot, Judgement]:
+    return world, judgement
+
+
+NOWHERE = RoomParts(
+    make=lambda parameters: (),
+    at=kernel(lambda scenes, index: ()),
+    first_look=kernel(lambda world, key, p, scene: ()),
+    look=kernel(lambda world, key, p, scene: ()),
+    complete=kernel(lambda world, judgement, p: judgement),
+)
+"""What stands for surroundings on open ground."""
+
+
+class Step(NamedTuple):
+    """The step of a system in three kernels, and its start in two."""
+
+    begin: Callable[..., Snapshot]
+    """``begin(pose, key, waypoints, p, scene)`` returns the world at the start of an episode, at rest."""
+    start_outcome: Callable[..., Outcome]
+    """``start_outcome(world)`` returns the outcome that stands for the start of an episode."""
+    act: Callable[..., Snapshot]
+    """``act(world, command, key, p)`` moves, senses and believes; without branches, so compiled loops run it in vectors."""
+    conclude: Callable[..., tuple[Snapshot, Outcome]]
+    """``conclude(world, moved, key, waypoints, p, scene)`` looks, judges and rewards; ``waypoints`` is their number."""
+    retarget: Callable[..., tuple[Snapshot, Outcome]]
+    """``retarget(world, outcome, key, waypoints, p, scene)`` sets the next waypoint, where one was reached."""
+
+
+@cache
+def step_of(system: System) -> Step:
+    """Return the kernels of a system's step."""
+    (first_sense, sense), see = sensing(system.sensors), looking(system.sensors)
+    reward_of, no_shares = rewarding(system.rewards)
+    around = system.surroundings or NOWHERE
+    renew = around.renew or _goal_stays
+
+    @kernel
+    def begin(pose, key, waypoints, p, scene):
+        body = system.start(pose)
+        senses = first_sense(body, key, p)
+        course = course_after(0.0, waypoints, p.task.laps)
+        world = Snapshot(body, senses, system.first_estimate(senses, p), course, 0.0, ())
+        room = around.first_look(world, key, p, scene)
+        return world._replace(room=room, senses=see(senses, room, p))
+
+    @kernel
+    def start_outcome(world):
+        return Outcome(0.0, distance_to(world.body.true_state, world.course.reference), False, False, False, False, no_shares)
+
+    @kernel
+    def act(world, command, key, p):
+        at = int(world.steps + 1.0)
+        body = system.move(world.body, command, key, at, p)  # move: the plant obeys, with delay and slip
+        senses = sense(body, world.senses, key, at, p)  # sense: odometry, and what else there is
+        # believe: the filter sees the senses, never the body: true pose, slip, late commands
+        estimate = world.estimate if system.reads_scan else system.estimate(world.estimate, world.senses, senses, p)
+        return Snapshot(body, senses, estimate, world.course, world.steps + 1.0, world.room)
+
+    @kernel
+    def conclude(world, moved, key, waypoints, p, scene):
+        room = around.look(moved, key, p, scene)  # look: beams, contact, and the way that is left
+        senses, unread = see(moved.senses, room, p), moved.estimate
+        estimate = system.estimate(world.estimate, world.senses, senses, p, room, scene) if system.reads_scan else unread
+        visited, judgement = system.judge(world, moved.body, senses, estimate, waypoints, p)  # judge: arrival, end
+        course = world.course._replace(visited=visited)
+        after = Snapshot(moved.body, senses, estimate, course, moved.steps, room)
+        judgement = around.complete(after, judgement, p)
+        reward, shares = reward_of(world, after, judgement, p)  # reward: a sum of terms
+        return after, outcome_of(reward, judgement, shares)
+
+    @kernel
+    def retarget(world, outcome, key, waypoints, p, scene):
+        course = course_after(world.course.visited, waypoints, p.task.laps)
+        distance = distance_to(world.body.true_state, course.reference)
+        reward, _, is_success, terminated, truncated, reached, shares = outcome
+        judgement = Judgement(distance, is_success, terminated, truncated, reached)
+        after, judgement = renew(world._replace(course=course), judgement, key, p, scene)
+        return after, outcome_of(reward, judgement, shares)
+
+    return Step(begin, start_outcome, act, conclude, retarget)
 
 
 def begin_at(system: System, poses: StartAndGoal, key: int, p: Parameters) -> tuple[Snapshot, Pose]:
@@ -48,15 +121,7 @@ def begin_at(system: System, poses: StartAndGoal, key: int, p: Parameters) -> tu
     if poses.start is not None:
         start, goal = poses.start, draw_goal(key, poses.start, p.task)
     goal = goal if poses.goal is None else poses.goal
-    return begin(system, start, key, (goal,), p, ()), goal
-
-
-def start_outcome(system: System, world: Snapshot) -> Outcome:
-    """Return the outcome that stands for the start of an episode."""
-    _, no_shares = rewarding(system.rewards)
-    distance = distance_to(world.body.true_state, world.course.reference)
-    nothing = {"is_success": False, "terminated": False, "truncated": False, "reached": False}
-    return Outcome(reward=0.0, distance=distance, **nothing, shares=no_shares)
+    return step_of(system).begin(start, key, (goal,), p, ()), goal
 
 
 def step(
@@ -73,35 +138,9 @@ def step(
         p: Parameters.
         scene: Arrays of the surroundings, which change in place; an empty tuple on open ground.
     """
-    around, at, steps = system.surroundings, int(before.steps) + 1, before.steps + 1.0
-    _, sense = sensing(system.sensors)
-    reward_of, _ = rewarding(system.rewards)
-
-    body = system.move(before.body, command, key, at, p)  # move: the plant obeys, with delay and slip
-    senses = sense(body, before.senses, key, at, p)  # sense: odometry, and what else there is
-    estimate, room = before.estimate, before.room
-    if not system.reads_scan:  # believe: the filter sees the senses, never the body: true pose, slip, late commands
-        estimate = system.estimate(before.estimate, before.senses, senses, p)
-    if around:  # look: beams, contact, and the way that is left
-        moved = Snapshot(body, senses, estimate, before.course, steps, room)
-        room = around.look(moved, key, p, scene)
-        senses = looking(system.sensors)(senses, room, p)
-        if system.reads_scan:
-            estimate = system.estimate(before.estimate, before.senses, senses, p, room, scene)
-
-    visited, judgement = system.judge(before, body, senses, estimate, len(waypoints), p)  # judge: arrival, end
-    after = Snapshot(body, senses, estimate, before.course._replace(visited=visited), steps, room)
-    if around:
-        judgement = around.complete(after, judgement, p)
-    reward, shares = reward_of(before, after, judgement, p)  # reward: a sum of terms
-
-    if judgement.reached:  # the next waypoint
-        course = course_after(visited, waypoints, p.task.laps)
-        after = after._replace(course=course)
-        judgement = judgement._replace(distance=distance_to(body.true_state, course.reference))
-        if around and around.renew:
-            after, judgement = around.renew(after, judgement, key, p, scene)
-    return after, outcome_of(reward, judgement, shares)
+    parts = step_of(system)
+    world, outcome = parts.conclude(before, parts.act(before, command, key, p), key, len(waypoints), p, scene)
+    return parts.retarget(world, outcome, key, waypoints, p, scene) if outcome.reached else (world, outcome)
 
 
 def observe(system: System, world: Snapshot, p: Parameters, scene: Any) -> tuple[float, ...]:
@@ -152,8 +191,8 @@ class Episode:
         self.key = episode_key(self.seed, self.number)
         start, goal = self.system.lay_out(self.key, self.parameters, self.scene)
         self.waypoints = (goal,) if self.parameters.task.random else self._given
-        self.world = begin(self.system, start, self.key, self.waypoints, self.parameters, self.scene)
-        self.outcome = start_outcome(self.system, self.world)
+        self.world = step_of(self.system).begin(start, self.key, self.waypoints, self.parameters, self.scene)
+        self.outcome = step_of(self.system).start_outcome(self.world)
         if self._history:
             self._history.begin(self._now(), np.ones(1, np.bool_))
         return self.world

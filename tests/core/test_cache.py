@@ -1,28 +1,25 @@
-"""The cache of compiled functions: what a file is found by, who shares it, who waits for it, and what a terminal shows."""
+"""The cache of compiled functions: what a file is found by, who shares it, and what a terminal shows."""
 
-import fcntl
 import os
 import pty
 import re
 import runpy
 import subprocess
 import sys
-import time
 from contextlib import suppress
 from dataclasses import replace
 from types import FunctionType
 
 import pytest
 
-from turtlebot_gym.compiled import store
-from turtlebot_gym.compiled.cache import fingerprint
-from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
+from turtlebot_gym.compiled import files
+from turtlebot_gym.compiled.files import fingerprint
 from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.compiled.proof import Case
 from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.kernel import in_loops
-from turtlebot_gym.systems import Options, open_ground, system_of
+from turtlebot_gym.systems import open_ground
 
 
 def with_source(source, file="here.py", **names):
@@ -89,29 +86,30 @@ def test_every_kernel_of_a_step_is_part_of_itsfingerprint():
     names, goal = ("move", "estimate", "judge"), replace(system.terms[0], of=copied(system.terms[0].of))
     changed = [system.with_sensor(odometry), *(system._replace(**{name: copied(getattr(system, name))}) for name in names)]
     changed.append(system.with_observation(goal, *system.terms[1:]))
-    prints = {loops_of(kind, Case((), 1)).step._identity for kind in (system, *changed)}
+    prints = {loops_of(kind, Case((), 1)).step.identity for kind in (system, *changed)}
     assert len(prints) == 6
 
 
 # Files and processes.
 
 FUNCTION = """
-import time
 import numpy as np
-from turtlebot_gym.compiled import cache, native, store
+from turtlebot_gym.compiled import native, program
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.parameters import Noise
+from turtlebot_gym.compiled.packing import as_tuple
 
 @kernel
 def double(x):
     return 2.0 * x
 
-def function(x):
-    return double(x) + 1.0
+def function(x, noise):
+    return double(x) + 1.0 + 0.0 * noise.odometry.R[0]
 
 made, optimize = [], native.machine_code
 native.machine_code = lambda *given: (made.append(1), optimize(*given))[1]
-loop = cache.compiled(function, "a function")
-print(loop(3.0), len(made))
+loop = program.compiled(function, "a function")
+print([loop(3.0, as_tuple(Noise())) for _ in range(2)][0], len(made))
 native.machine_code = optimize
 """
 LOADED, COMPILED = ["7.0", "0"], ["7.0", "1"]
@@ -137,54 +135,36 @@ def here(tmp_path, monkeypatch, capsys):
     return run
 
 
-def start(folder, program=FUNCTION, **options):
-    """Start a process that runs a program with its cache in a folder."""
+def start(folder, **options):
+    """Start a process that runs the program with its cache in a folder."""
     environment = os.environ | {"TURTLEBOT_GYM_CACHE_DIR": str(folder)} | options.pop("environment", {})
     return subprocess.Popen(
-        [sys.executable, filed(folder, program)], stdout=subprocess.PIPE, env=environment, text=True, **options
+        [sys.executable, filed(folder, FUNCTION)], stdout=subprocess.PIPE, env=environment, text=True, **options
     )
 
 
-def test_functions_of_one_name_that_different_processes_have_compiled_stay_apart(tmp_path):
-    for program in (FUNCTION, FUNCTION.replace("+ 1.0", "+ 2.0")):
-        assert start(tmp_path, program).communicate(timeout=300)[0].split()[1:] == COMPILED[1:]
-    files = [str(filed(tmp_path, program)) for program in (FUNCTION, FUNCTION.replace("+ 1.0", "+ 2.0"))]
-    both = f"import runpy\nfor file in {files}:\n    runpy.run_path(file)"
-    assert start(tmp_path, both).communicate(timeout=300)[0].split() == [*LOADED, "8.0", *LOADED[1:]]
-
-
-PARAMETERS = """
-from turtlebot_gym.compiled import cache, native
-from turtlebot_gym.compiled.packing import as_tuple
-from turtlebot_gym.parameters import Noise
-
-def first(noise):
-    return noise.odometry.R[0] + 7.0
-
-made, optimize = [], native.machine_code
-native.machine_code = lambda *given: (made.append(1), optimize(*given))[1]
-loop = cache.compiled(first, "a function of parameters")
-results = [loop(as_tuple(Noise())) for _ in range(3)]
-print(results[0], len(made))
-"""
-
-
-@pytest.mark.parametrize("program", [FUNCTION, PARAMETERS], ids=["numbers", "parameters"])
-def test_another_process_loads_what_one_has_compiled_and_is_silent_without_a_terminal(tmp_path, program):
+def test_another_process_loads_what_one_has_compiled_and_is_silent_without_a_terminal(tmp_path):
     for expected, seed in ((COMPILED, "0"), (LOADED, "5")):
-        process = start(tmp_path, program, environment={"PYTHONHASHSEED": seed}, stderr=subprocess.PIPE)
+        process = start(tmp_path, environment={"PYTHONHASHSEED": seed}, stderr=subprocess.PIPE)
         printed, said = process.communicate(timeout=300)
         assert (printed.split(), said) == (expected, "")
         (file,) = (tmp_path / "turtlebot_gym").iterdir()
-        assert file.suffix == ".bin"  # no lock, no part of a file
+        assert file.suffix == ".bin"  # no part of a file
         assert file.stat().st_mtime > 1e9  # in use: the oldest are removed
         os.utime(file, (1e9, 1e9))
 
 
-def test_a_change_of_what_a_function_does_not_use_leaves_it_in_the_cache(here):
+def test_processes_that_start_together_compile_the_same(tmp_path):
+    processes = [start(tmp_path) for _ in range(3)]
+    printed = {process.communicate(timeout=300)[0].split()[0] for process in processes}
+    assert (printed, len([*(tmp_path / "turtlebot_gym").iterdir()])) == ({"7.0"}, 1)
+
+
+def test_only_a_change_of_what_a_function_uses_compiles_it_again(here):
     assert here() == COMPILED
     assert here("# one line more\n" + FUNCTION.replace("def double", "def unused(): pass\n@kernel\ndef double")) == LOADED
     assert here(FUNCTION.replace("2.0 * x", "x + x + 0.0")) == COMPILED
+    assert [here(FUNCTION.replace("+ 1.0", "+ 2.0")), here()] == [["8.0", "1"], LOADED]
 
 
 def test_a_damaged_file_is_compiled_again_and_without_a_folder_it_goes_on(here, tmp_path):
@@ -198,69 +178,29 @@ def test_a_damaged_file_is_compiled_again_and_without_a_folder_it_goes_on(here, 
     assert [here(), here()] == [COMPILED, COMPILED]
 
 
-def test_one_of_two_processes_that_start_together_waits_for_the_other(tmp_path):
-    slow = FUNCTION.replace(
-        "optimize(*given))",
-        "optimize(*given), time.sleep(1.0))",
-    )
-    processes = [start(tmp_path, slow) for _ in range(2)]
-    printed = sorted(process.communicate(timeout=300)[0].split() for process in processes)
-    assert printed == [LOADED, COMPILED]
-
-
-def test_the_wait_for_another_process_ends(here, tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "LONGEST_WAIT", 0.2)
-    assert here() == COMPILED
-    (path,) = (tmp_path / "turtlebot_gym").iterdir()
-    path.unlink()
-    with path.with_suffix(".lock").open("w") as file:  # a lock is of an open file, so this process can be the other one
-        fcntl.flock(file, fcntl.LOCK_EX)
-        assert here() == COMPILED
-
-
-def test_nobody_waits_for_a_process_whose_compilation_has_failed(here, tmp_path):
-    """As after a Ctrl-C in a notebook, which goes on."""
-    with pytest.raises(Untraceable, match=r"line 9 of the kernel 'double', 'return 2.0 \* x\.nothing', cannot be compiled"):
+def test_what_cannot_be_compiled_is_named_with_its_line_and_leaves_no_file(here, tmp_path):
+    with pytest.raises(Untraceable, match=r"line 10 of the kernel 'double', 'return 2.0 \* x\.nothing', cannot be compiled"):
         here(FUNCTION.replace("2.0 * x", "2.0 * x.nothing"))
-    assert list((tmp_path / "turtlebot_gym").iterdir()) == []  # no lock
+    assert not (tmp_path / "turtlebot_gym").exists()
 
 
 def test_files_that_nobody_used_for_the_longest_time_are_removed(tmp_path, monkeypatch):
     for age in range(5):
         (tmp_path / f"{age}.bin").write_bytes(b"x" * 100)
         os.utime(tmp_path / f"{age}.bin", (1e9 - age, 1e9 - age))
-    monkeypatch.setattr(store, "MOST_BYTES", 250)
-    store._tidy(tmp_path)
+    monkeypatch.setattr(files, "MOST_BYTES", 250)
+    files._tidy(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.bin", "1.bin"]
 
 
 def test_a_terminal_shows_what_is_compiled_and_how_long_it_took(tmp_path):
-    def shown():
-        ours, theirs = pty.openpty()
-        process = start(tmp_path, stderr=theirs)
-        os.close(theirs)
-        text = b""
-        with suppress(OSError):  # the other end is closed
-            while chunk := os.read(ours, 4096):
-                text += chunk
-        os.close(ours)
-        process.communicate(timeout=300)
-        return text.decode()
-
-    assert re.fullmatch(r"turtlebot_gym: compiling a function for this machine, once \.\.\. \d+\.\d s\r\n", shown())
-    assert shown() == ""
-
-
-def test_the_systems_that_are_compiled_ahead_have_loops_of_their_own():
-    systems = [system_of(Options(**options).setup().parameters) for options in SYSTEMS.values()]
-    assert len(set(systems)) == len(SYSTEMS) - 1  # "nav" and "kalman" differ in their task
-    with pytest.raises(ValueError, match="system must be one of 'nav'"):
-        fill_all(["open-ground"])
-    assert all(("fix" in options) == name.endswith("+fixes") for name, options in SYSTEMS.items())
-
-
-def test_to_compile_a_system_ahead_uses_the_loops_of_one_and_of_many_environments():
-    began = time.time()
-    fill_all(["kalman"])
-    used = [path.name for path in store.folder().glob("*.bin") if path.stat().st_mtime > began - 0.01]
-    assert {"steps-on-open-ground", "resets-on-open-ground"} <= {name.rpartition("-")[0] for name in used}
+    ours, theirs = pty.openpty()
+    process = start(tmp_path, stderr=theirs)
+    os.close(theirs)
+    text = b""
+    with suppress(OSError):  # the other end is closed
+        while chunk := os.read(ours, 4096):
+            text += chunk
+    os.close(ours)
+    process.communicate(timeout=300)
+    assert re.fullmatch(r"turtlebot_gym: compiling a function for this machine, once \.\.\. \d+\.\d s\r\n", text.decode())

@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled.builtins import register_access
-from turtlebot_gym.compiled.cache import compiled as compiled_now
-from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten, layout_of, packing
+from turtlebot_gym.compiled.packing import TILE, access, aligned, as_tuple, flatten, layout_of, packing
+from turtlebot_gym.compiled.program import compiled as compiled_now
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Parameters, make_parameters, system_of
 from turtlebot_gym.values import senses_of
@@ -38,40 +37,34 @@ VALUE = Outer(Inner(1.0, True), (2.0, 3.0), (Inner(4.0, False), Inner(5.0, True)
 
 def test_what_is_stored_is_loaded_again_in_order_and_in_every_lane():
     pack, numbers = packing(VALUE), [1.0, 1.0, 2.0, 3.0, 4.0, 0.0, 5.0, 1.0, 6.0]
+    (load, store), buffer = access(pack), np.zeros(3 + pack.size * TILE)
     assert (list(flatten(VALUE)), pack.size) == (numbers, 9)
-    buffer = np.zeros(3 + pack.size * TILE)
     for lane in range(TILE):
-        pack.store(buffer, 3 + lane, VALUE._replace(last=float(lane)))
+        store(buffer, 3 + lane, VALUE._replace(last=float(lane)))
     for lane in range(TILE):
-        loaded = pack.load(buffer.tolist(), 3 + lane)
+        loaded = load(buffer, 3 + lane)
         assert loaded == VALUE._replace(last=float(lane))
         assert (type(loaded), type(loaded.nested[1])) == (Outer, Inner)
         assert (loaded.first.flag, loaded.nested[0].flag) == (True, False)
 
 
-def test_numbers_that_are_always_equal_share_a_place():
-    pack = packing(VALUE, [0, 6, 1, 2, 3, 4, 1, 5, 7])
-    buffer = np.full(pack.size * TILE, np.nan)
-    pack.store(buffer, 2, VALUE._replace(nested=(VALUE.nested[0], Inner(2.0, True))))
-    assert np.flatnonzero(~np.isnan(buffer)).tolist() == [2 + k * TILE for k in range(8)]
-    assert pack.load(buffer, 2) == VALUE._replace(nested=(VALUE.nested[0], Inner(2.0, True)))
-    assert (pack.size, pack.names, pack.slices) == (8, packing(VALUE).names, packing(VALUE).slices)
-
-
-def test_compiled_access_is_the_plain_one_and_whole_numbers_become_floats():
-    pack = packing(VALUE._replace(pair=(2, 3)))
-    load, store = pack.load, pack.store
-    register_access(load, store, pack.example, [place * TILE for place in pack.places])
+@pytest.mark.parametrize("constants", [{}, {4: 5.0}])
+def test_equal_numbers_share_a_place_constants_have_none_and_compiled_access_is_the_plain_one(constants):
+    pack = packing(VALUE._replace(pair=(2, 3)), [0, 6, 1, 2, 3, 4, 1, 5, 7])
+    load, store = access(pack, constants)
 
     def copied(source, target):
         loaded = load(source, 1)
         store(target, 2, loaded)
         return loaded
 
-    source, plain, compiled = np.random.default_rng(0).random(pack.size * TILE), *np.zeros((2, pack.size * TILE))
-    pack.store(plain, 2, pack.load(source.tolist(), 1))
-    assert compiled_now(copied, "values in tests")(source, compiled) == pack.load(source.tolist(), 1)
+    source, compiled, plain = np.random.default_rng(0).random(pack.size * TILE), *np.full((2, pack.size * TILE), np.nan)
+    value = copied(source, plain)
+    assert compiled_now(copied, "values in tests")(source, compiled) == value
+    assert value.pair[0] == value.nested[1][0]
     np.testing.assert_array_equal(compiled, plain)
+    assert np.flatnonzero(~np.isnan(plain)).tolist() == [2 + k * TILE for k in range(8) if k not in constants]
+    assert value.nested[0].flag is True
 
 
 def test_slices_name_every_tuple_in_the_value():
@@ -91,8 +84,9 @@ def test_parameters_and_worlds_have_a_place_each():
     given = make_parameters(noise="rough")
     p, layout = as_tuple(given), layout_of(system_of(given))
     buffer = np.zeros(layout.parameters.size * TILE)
-    layout.parameters.store(buffer, 0, p)
-    assert layout.parameters.load(buffer.tolist(), 0) == p
+    load, store = access(layout.parameters)
+    store(buffer, 0, p)
+    assert load(buffer, 0) == p
     assert isinstance(p, Parameters)
     covariance = layout.world.slices["estimate.belief.covariance"]
     assert covariance.stop - covariance.start == 8

@@ -8,7 +8,7 @@ import pytest
 from turtlebot_gym.compiled import batch as module
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.packing import TILE
-from turtlebot_gym.compiled.threads import FIRST_TRIAL, LAST_TRIAL, TRIAL, VARIABLE, Pace, Threads, limited
+from turtlebot_gym.compiled.threads import VARIABLE, Threads, limited
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE
 
@@ -30,30 +30,26 @@ def test_the_limit_changes_no_bit(monkeypatch, threads, task):
     with limited(1):
         serial = driven(task=task)
     monkeypatch.setattr(module, "PARALLEL_FROM", TILE)
+    monkeypatch.setattr(module, "ROOMS_PARALLEL_FROM", TILE)
     with limited(threads):
         assert driven(task=task) == serial
 
 
-def test_one_thread_never_runs_in_parallel_and_more_are_used_by_one_at_a_time():
+def test_one_python_thread_at_a_time_has_more_than_one():
     most = Threads.count()
-    with limited(1):
-        assert not Threads.acquire()
-    with limited(2):
-        assert Threads.acquire()
-        assert Threads.count() == min(2, most)
-        assert not Threads.acquire()
-        Threads.release()
-    assert Threads.count() == most
-    assert Threads.acquire()
-    Threads.release()
+    with limited(1), Threads.taken(True) as number:
+        assert number == 1
+    with Threads.taken(True) as number, Threads.taken(True) as others, limited(2):
+        assert (number, others, Threads.count()) == (most, 1, min(2, most))
+    with Threads.taken(False) as number:
+        assert number == 1
+    with Threads.taken(True) as number:
+        assert number == most
 
 
 def test_the_limit_ends_with_its_block():
     before = Threads.limit
     with limited(3):
-        with limited(1):
-            assert Threads.limit == 1
-        assert Threads.limit == 3
         with pytest.raises(KeyError), limited(2):
             raise KeyError
         assert Threads.limit == 3
@@ -66,9 +62,7 @@ def test_the_limit_ends_with_its_block():
 @pytest.mark.parametrize("value", ["", "1", "16", "0", "two", "-1", "1.5"])
 def test_the_environment_variable_sets_the_limit_and_is_checked(value, run):
     def limit():
-        used = "Threads.acquire() and Threads.release()"
-        script = f"from turtlebot_gym.compiled.threads import Threads; {used}; print(Threads.limit or 0)"
-        return run(script, **{VARIABLE: value})
+        return run("from turtlebot_gym.compiled.threads import Threads; print(Threads.limit or 0)", **{VARIABLE: value})
 
     if value in ("", "1", "16"):
         assert limit() == int(value or 0)
@@ -92,36 +86,6 @@ def test_importing_a_package_leaves_the_environment_of_the_process_as_it_was(pac
     assert run(program) is True
 
 
-def paced(pace, cost, steps):
-    """Let steps take what ``cost`` says, all threads or one; return how they were made, and the time that was spent."""
-    made = []
-    for _ in range(steps):
-        made.append(pace.parallel)
-        pace.tell(cost[pace.parallel])
-    return made, sum(cost[parallel] for parallel in made)
-
-
-@pytest.mark.parametrize("slow", [1.2, 3.0, 20.0])
-@pytest.mark.parametrize("best", [True, False])
-def test_the_faster_number_of_threads_is_found_and_trials_cost_little(best, slow):
-    pace, cost = Pace(), {best: 1e-4, not best: slow * 1e-4}
-    paced(pace, cost, 3 * FIRST_TRIAL)
-    made, spent = paced(pace, cost, 20_000)
-    assert made.count(not best) <= 20 * TRIAL
-    assert spent < 1.02 * 20_000 * 1e-4
-    assert max(len(run) for run in "".join("x" if parallel == best else "." for parallel in made).split(".")) <= LAST_TRIAL
-
-
-def test_a_change_of_the_machine_is_noticed():
-    pace, quiet, busy = Pace(), {True: 1e-4, False: 2e-4}, {True: 100e-4, False: 4e-4}
-    for _ in range(3):
-        paced(pace, quiet, 2 * LAST_TRIAL)
-        assert pace.parallel
-        made, _ = paced(pace, busy, 2 * LAST_TRIAL)
-        assert made.count(True) <= FIRST_TRIAL + 20 * TRIAL
-        assert not pace.parallel
-
-
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("longest", [0, TILE, -1], ids=["first", "of another tile", "last"])
 def test_a_batch_tells_whether_any_episode_ended_however_many_threads_made_the_step(monkeypatch, threads, longest):
@@ -136,11 +100,3 @@ def test_a_batch_tells_whether_any_episode_ended_however_many_threads_made_the_s
         batch.reset(others, *batch.empty())
         flagged = [batch.is_flagged() for _ in range(3) if batch.step(actions)]
     assert flagged == [False, True, True]
-
-
-def test_one_thread_runs_the_serial_loop(monkeypatch):
-    serial = driven()
-    monkeypatch.setattr(module, "PARALLEL_FROM", TILE)
-    monkeypatch.setattr(Threads, "run", lambda *given: pytest.fail("one thread needs no parallel loop"))
-    monkeypatch.setattr(Threads, "count", lambda: 1)
-    assert driven() == serial

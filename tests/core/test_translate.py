@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.program import compiled
 from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.kernel import HAS_LLVM, kernel
 from turtlebot_gym.values import Pose

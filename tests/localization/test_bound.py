@@ -5,8 +5,8 @@ import pytest
 from localization_rooms import Room, hall, make_room, scan_of, sight
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.compiled.program import compiled
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.information import Guess, ScanPoints, information
 from turtlebot_gym.localization.localizer import locate, scan

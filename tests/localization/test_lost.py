@@ -121,8 +121,8 @@ def test_among_people_a_robot_is_found_and_its_own_place_not_given_up_before(roo
 
 @pytest.fixture(scope="module")
 def in_machine_code():
-    from turtlebot_gym.compiled.cache import compiled
     from turtlebot_gym.compiled.packing import as_tuple
+    from turtlebot_gym.compiled.program import compiled
 
     q = as_tuple(ROBOT)
     function = compiled(lambda located, bank, seen, wheels, q: look(located, bank, seen, wheels, q), "look at a scan")

@@ -134,7 +134,7 @@ def test_weights_are_exponentials():
 
 @pytest.mark.skipif(not HAS_LLVM, reason="needs llvmlite")
 def test_the_whole_map_is_searched_the_same_in_loops_and_in_arrays(in_hall):
-    from turtlebot_gym.compiled.cache import compiled
+    from turtlebot_gym.compiled.program import compiled
 
     room, _, points = in_hall
     room, results = room._replace(field=room.field.copy()), []

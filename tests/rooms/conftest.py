@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.program import compiled
 from turtlebot_gym.rooms.drawing import capacity
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at

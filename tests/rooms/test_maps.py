@@ -11,8 +11,8 @@ import shapely
 from compiled_rooms import clearance_compiled, draw_compiled
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.compiled.program import compiled
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.rooms import geodesic, sensing

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
@@ -12,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.compiled.loop import Loops, loops_of
-from turtlebot_gym.compiled.packing import TILE, Packing, aligned, as_tuple, flatten, layout_of, packing
-from turtlebot_gym.compiled.program import Program, caller_of
+from turtlebot_gym.compiled.packing import TILE, Packing, access, aligned, as_tuple, flatten, layout_of, packing
+from turtlebot_gym.compiled.program import Call, Program, address_of
 from turtlebot_gym.compiled.proof import Case, case_of, own_of
-from turtlebot_gym.compiled.threads import Pace, Threads
+from turtlebot_gym.compiled.threads import Threads
 from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.heart import begin_at
 from turtlebot_gym.kernel import HAS_LLVM
@@ -28,12 +27,14 @@ from turtlebot_gym.values import Pose
 
 PARALLEL_FROM = 2048
 """Batches below this size run on one thread: splitting costs more than it saves."""
-FOLDED_FROM = 512
-"""Batches below this size load shared parameters that are not whole numbers: code of their own would never pay for itself."""
-FEW = 16
-"""Most environments whose results are faster to copy than the addresses of new arrays are to find."""
 ROOMS_PARALLEL_FROM = 256
 """The same in rooms, where a step takes about ten times as long."""
+FOLDED_FROM = 512
+"""Batches below this size load shared parameters that are not whole numbers: code of their own would never pay for itself."""
+CHANGING = {"step": (0, 5, 6), "reset": (0, 1, 8, 9)}
+"""Arguments of the loops that differ from call to call: actions, or a mask and whether episodes begin; and results."""
+FEW = 16
+"""Most environments whose results are faster to copy than the addresses of new arrays are to find."""
 
 
 class Batch:
@@ -58,31 +59,15 @@ class Batch:
         plan: FloorPlan | None = None,
         shares: bool = False,
     ) -> None:
-        n_tiles = -(-num_envs // TILE)
-        self._shares = shares
+        self.num_envs, self.parameters, self._n_tiles = num_envs, parameters, -(-num_envs // TILE)
         self._own, self._by_parameters = system, system is None or (isinstance(system, WithTerms) and system.system is None)
-        self.parameters = parameters
+        self._plan, self._shares = plan, shares
         self._find_system()
-        self.num_envs = num_envs
         self.seeds = np.zeros(num_envs, np.int64)
         self.episodes = np.zeros(num_envs, np.int64)
         self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
-        self._keys = np.zeros((n_tiles, TILE + 2), np.int64)
-        self._keys[:, TILE] = np.arange(n_tiles)
-        self._tiles = np.empty((n_tiles, 0))
-        self._plan = plan
-        self._is_open = self._around is None and self.system.compiled and HAS_LLVM
-        """Whether the loops are compiled for open ground."""
-        is_large = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
-        self._parallel = is_large and self.system.compiled and HAS_LLVM
-        self._callers: dict[tuple[str, int], list[Any]] = {}
-        """Callers of a loop in some parts, each for a thread."""
-        self._pace = Pace()
-        self._parts = 1
-        """Parts of the last step's tiles, each for a thread."""
+        self._keys = np.zeros((self._n_tiles, TILE), np.int64)
         self.scenes: Any = ()
-        rows = self.layout.outcome.size - (0 if shares else len(self.system.rewards))
-        self._shapes = (num_envs, size_of(self.system.terms)), (rows, num_envs)
         history = History(self.system.terms, num_envs)
         self._history = history if history else None  # a test for None takes a tenth of a microsecond less
         self._world: Packing | None = None
@@ -91,20 +76,23 @@ class Batch:
         """What the loops of open ground are made for."""
         self._begun = False
         """Whether an episode has begun."""
+        self._flagged = 0
         self.set_parameters(parameters)
 
     def _find_system(self) -> None:
         self.system = find_system(self._own, self.parameters_of(0))
         self.layout, self._around = layout_of(self.system), self.system.surroundings
+        is_large = self.num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
+        self._is_compiled = self.system.compiled and HAS_LLVM
+        self._is_parallel = is_large and self._is_compiled
+        rows = self.layout.outcome.size - (0 if self._shares else len(self.system.rewards))
+        self._shapes = size_of(self.system.terms), rows
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without views, local functions and addresses."""
-        kernels = {"system", "layout", "_around", "_loops", "_first", "_world", "_few"}
-        places = None if self._world is None else self._world.places
-        return {name: value for name, value in self.__dict__.items() if name not in kernels} | {
-            "_callers": {},
-            "_world": places,
-        }
+        """Return the state without local functions and addresses."""
+        kernels = {"system", "layout", "_around", "_loops", "_first", "_calls", "_few", "_access"}
+        kept = {name: value for name, value in self.__dict__.items() if name not in kernels}
+        return kept | {"_world": None if self._world is None else self._world.places}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -134,49 +122,58 @@ class Batch:
         if not same and len(rows) != self.num_envs:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
         self.parameters = parameters
-        self._callers = {}
         if self._around:
             self._make_room_for(self._around, rows * self.num_envs if same else rows)
         numbers = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
         self._loops, varying = self._find_loops(numbers)
-        self._lay_out(self._loops.world, self._loops.constants)
+        self._lay_out(self._loops)
         last, whole = len(rows) - 1, -(-len(rows) // TILE) * TILE
         table = numbers[np.minimum(np.arange(whole), last)][:, varying]  # the last row fills the last tile
         tiles = table.reshape(len(table) // TILE, TILE, len(varying)).transpose(0, 2, 1)
         self._parameters = aligned(tiles.size)
         self._parameters.reshape(tiles.shape)[:] = tiles
-        self._is_program, is_few = isinstance(self._loops.step, Program), self.num_envs <= FEW
-        self._few: Any = () if is_few and self._is_program and self._history is None else None
-        self._copies = is_few or self.num_envs % TILE > 0
-        """Whether actions are copied: loops read those of whole tiles."""
-        self._asked = np.zeros(2 * len(self._keys) * TILE, np.float32)
+        self._asked = np.zeros(2 * self._n_tiles * TILE, np.float32)
         self._given = self._asked[: 2 * self.num_envs].reshape(-1, 2)
+        self._copies = self.num_envs <= FEW or self.num_envs % TILE > 0
+        """Whether actions are copied: loops read those of whole tiles."""
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget the calls of machine code, whose arguments have changed."""
+        self._calls: dict[Any, list[Call]] = {}
+        self._few: Any = None
 
     def _find_loops(self, numbers: NDArray[np.float64]) -> tuple[Loops, list[int]]:
         """Return the loops for some parameters, shape (1, K) or (N, K), and the indices of those that the loops load."""
-        if self._is_open:
-            waypoints, small, shares = self.waypoints.shape[1], self.num_envs < FOLDED_FROM, self._shares
+        if self._around is None and self._is_compiled:
+            small, old = self.num_envs < FOLDED_FROM, self._case if self._begun else None
             try:
-                self._case = case_of(self.system, numbers, waypoints, shares, self._case, self._begun, small)
+                self._case = case_of(self.system, numbers, self.waypoints.shape[1], small=small, old=old)
                 own = own_of(self.system, self._case)
-                return loops_of(self.system, self._case), [self.layout.parameters.names.index(name) for name in own]
+                return loops_of(self.system, self._case, self._shares), [
+                    self.layout.parameters.names.index(name) for name in own
+                ]
             except Untraceable as error:
                 self._warn(error)
-                self._is_open, self._case = False, None
-        return loops_of(self.system), list(range(numbers.shape[1]))
+        return loops_of(self.system._replace(compiled=self._is_compiled), None, self._shares), [*range(numbers.shape[1])]
 
-    def _lay_out(self, world: Packing, constants: Mapping[int, float]) -> None:
-        """Move the numbers of all worlds to the places of a layout."""
-        if self._world is not None and world.places == self._world.places:
-            self._world = world
+    def _warn(self, error: Untraceable) -> None:
+        warnings.warn(f"turtlebot_gym: environments run as plain Python, since {error}.", RuntimeWarning, stacklevel=6)
+        self._is_parallel = self._is_compiled = False
+
+    def _lay_out(self, loops: Loops) -> None:
+        """Move the numbers of all worlds to the places of other loops."""
+        world, before = loops.world, self._world
+        self._access = access(world)
+        if before is not None and world.places == before.places:
             return
-        tiles = aligned(len(self._keys) * world.size * TILE).reshape(len(self._keys), world.size, TILE)
-        if self._world is not None:
-            tiles[:, world.places] = self._tiles.reshape(len(tiles), -1, TILE)[:, self._world.places]
+        tiles = aligned(self._n_tiles * world.size * TILE).reshape(self._n_tiles, world.size, TILE)
+        if before is not None:
+            tiles[:, world.places] = self._tiles.reshape(self._n_tiles, -1, TILE)[:, before.places]
         if not self._begun:
-            for place, value in constants.items():
+            for place, value in loops.constants.items():
                 tiles[:, place] = value
-        self._world, self._tiles = world, tiles.reshape(len(tiles), -1)
+        self._world, self._tiles = world, tiles.reshape(self._n_tiles, -1)
         self._first = self._tiles[0]
         self.select(*self._selected)
 
@@ -218,7 +215,7 @@ class Batch:
             given: On open ground, start and goal of these rows of the mask, in place of those that their task draws.
         """
         self._begun = True
-        self._visit(mask, True, observations, outcomes)
+        self._visit(np.ascontiguousarray(mask), True, observations, outcomes)
         if given:
             for row, poses in given.items():
                 self._begin_at(row, poses)
@@ -231,12 +228,8 @@ class Batch:
     def _begin_at(self, row: int, poses: StartAndGoal) -> None:
         """Begin the episode of a row anew, from given poses: in plain Python, which has the bits of the compiled loops."""
         at, lane = divmod(row, TILE)
-        layout = self._world
-        assert layout is not None
-        world, goal = begin_at(self.system, poses, int(self._keys[at, lane]), self.parameters_of(row))
-        self.waypoints[row, 0] = goal
-        tile = self._tiles[at].reshape(-1, TILE)
-        tile[list(layout.places), lane] = [*flatten(world)]
+        world, self.waypoints[row, 0] = begin_at(self.system, poses, int(self._keys[at, lane]), self.parameters_of(row))
+        self._access.store(self._tiles[at], lane, world)
 
     def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return observations of the current state, and outcomes as after a reset, in the shapes of `step`."""
@@ -247,52 +240,40 @@ class Batch:
         return observations, outcomes
 
     def _visit(
-        self,
-        mask: NDArray[np.bool_],
-        begins: bool,
-        observations: NDArray[np.float32],
-        outcomes: NDArray[np.float64],
+        self, mask: NDArray[np.bool_], begins: bool, observations: NDArray[np.float32], outcomes: NDArray[np.float64]
     ) -> None:
         """Write some observations without the past of a history, and begin the episodes first if asked."""
-        parallel = self._parallel and Threads.acquire()
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
-        try:
-            self._run("reset", Threads.count() if parallel else 1, mask, begins, self.seeds, self.episodes, *state)
-        finally:
-            if parallel:
-                Threads.release()
+        self._run("reset", mask, begins, self.seeds, self.episodes, *state)
 
-    def _run(self, name: str, parts: int, *arguments: Any) -> None:
-        """Run a loop over all tiles in some parts, each on a thread; as plain Python, after a warning, if it is untraceable."""
-        if not (callers := self._callers.setdefault((name, parts), [])):
-            callers += [caller_of(getattr(self._loops, name)) for _ in range(parts)]
-        try:
-            if parts == 1:
-                callers[0](*arguments)
-                return
-            calls = [caller.prepared(*self._share(arguments, part, parts)) for part, caller in enumerate(callers[:parts])]
-        except Untraceable as error:
-            self._warn(error)
-            self._loops, self._callers, self._parts = loops_of(self.system._replace(compiled=False)), {}, 1
-            self._is_program, self._few = False, None
-            getattr(self._loops, name)(*arguments)
-            return
-        Threads.run(calls[0][0], [address for _, address in calls])
+    def _run(self, name: str, *arguments: Any) -> int:
+        """Run a loop over all tiles; as plain Python, after a warning, if it cannot be translated."""
+        if isinstance(loop := getattr(self._loops, name), Program):
+            try:
+                with Threads.taken(self._is_parallel) as parts:
+                    return sum(Threads.run([call.count for call in self._calls_of(name, parts, loop, arguments)]))
+            except Untraceable as error:
+                self._warn(error)
+                self._loops = loops_of(self.system._replace(compiled=False))
+                self._forget()
+        return getattr(self._loops, name)(0, self._n_tiles, *arguments) or 0
 
-    def _share(self, arguments: tuple[Any, ...], part: int, parts: int) -> list[Any]:
-        """Return the arguments of a loop over one of some parts of the tiles."""
-        number = len(self._keys)
-        some = slice(part * number // parts, (part + 1) * number // parts)
-        return [value[some] if value is self._tiles or value is self._keys else value for value in arguments]
-
-    def _warn(self, error: Untraceable) -> None:
-        warnings.warn(f"turtlebot_gym: environments run as plain Python, since {error}.", RuntimeWarning, stacklevel=6)
-        self._parallel = False
+    def _calls_of(self, name: str, parts: int, loop: Program, arguments: tuple[Any, ...]) -> list[Call]:
+        """Return the calls of a loop over all tiles in some parts, each for a thread."""
+        given = {at: arguments[at] for at in CHANGING[name]}
+        key = name, parts, *(array.strides for array in given.values() if isinstance(array, np.ndarray))
+        if not (calls := self._calls.setdefault(key, [])):
+            bounds = [part * self._n_tiles // parts for part in range(parts + 1)]
+            calls += [Call(loop, (*bounds[part : part + 2], *arguments)) for part in range(parts)]
+        for at, value in given.items():
+            word = address_of(value) if isinstance(value, np.ndarray) else value
+            for call in calls:
+                call.put(2 + at, word)
+        return calls
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`, that nobody else holds."""
-        (count, width), (rows, _) = self._shapes
-        whole = len(self._keys) * TILE  # loops write whole tiles
+        (width, rows), count, whole = self._shapes, self.num_envs, self._n_tiles * TILE  # loops write whole tiles
         return np.empty((whole, width), np.float32)[:count], np.empty((rows, whole + TILE))[:, :count]
 
     def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
@@ -305,64 +286,26 @@ class Batch:
             Observations, shape (N, K), and outcomes, shape (m, N), with a row for each field of `Judgement` after one for the
             reward, and for each term's share if asked for. Both are new arrays.
         """
-        copies = self._copies or not actions.flags.carray
-        if copies:
+        if copies := self._copies or not actions.flags.carray:
             self._given[:] = actions
-        if self._few:
-            shown, told, call, address = self._few
-            call(address)
-            return shown.copy(), told.copy()
-        actions = self._asked if copies else actions.reshape(-1)
+        if self._few is not None:
+            count, observations, outcomes = self._few
+            self._flagged = count()
+            return observations.copy(), outcomes.copy()
         observations, outcomes = self.empty()
-        if not self._parallel or Threads.limit == 1 or Threads.count() == 1:
-            self._parts = 1
-            state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
-            if not self._is_program:  # a debugger finds the plant four calls below a step of the environment
-                self._loops.step(actions, *state)
-            elif alone := self._callers.get(("step", 1)):  # after the first step
-                alone[0].again(((0, actions), (5, observations), (6, outcomes.base)))
-            else:
-                self._run("step", 1, actions, *state)
-                if self._few is not None:
-                    self._bind_few()
-        else:
-            self._step_at_pace(actions, observations, outcomes)
+        given, state = self._asked if copies else actions.reshape(-1), (self._tiles, self._keys, self._parameters)
+        self._flagged = self._run("step", given, *state, self.waypoints, observations, outcomes, self.scenes)
         if self._history is not None:
             self._history.advance(observations)
+        elif self.num_envs <= FEW and isinstance(self._loops.step, Program):  # each step uses the same arrays again
+            results = self.empty()
+            arguments = self._asked, *state, self.waypoints, *results, self.scenes
+            self._few = Call(self._loops.step, (0, self._n_tiles, *arguments)).count, *results
         return observations, outcomes
-
-    def _bind_few(self) -> None:
-        """Keep arrays that each step uses again, and the call that uses them."""
-        state, results = (self._tiles, self._keys, self._parameters, self.waypoints), self.empty()
-        self._few = *results, *self._callers["step", 1][0].prepared(self._asked, *state, *results, self.scenes)
-
-    def _step_at_pace(
-        self, actions: NDArray[np.float32], observations: NDArray[np.float32], outcomes: NDArray[np.float64]
-    ) -> None:
-        """Step on one thread or on all, as the measured times say, unless another Python thread uses all."""
-        parallel, start = self._pace.parallel, time.perf_counter()
-        shared = parallel and Threads.acquire()
-        try:
-            self._parts = Threads.count() if shared else 1
-            self._step_parts(self._parts, actions, observations, outcomes)
-        finally:
-            if shared:
-                Threads.release()
-        if shared or not parallel:  # otherwise the pace's choice was not tried
-            self._pace.tell(time.perf_counter() - start)
-
-    def _step_parts(
-        self, parts: int, actions: NDArray[np.float32], observations: NDArray[np.float32], outcomes: NDArray[np.float64]
-    ) -> None:
-        state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
-        self._run("step", parts, actions, *state)
 
     def is_flagged(self) -> bool:
         """Return whether the last step has set a flag of any environment: success, termination or truncation."""
-        parts, last = self._parts, len(self._keys)
-        if parts == 1:
-            return self._keys[-1, TILE + 1] > 0
-        return any(self._keys[(part + 1) * last // parts - 1, TILE + 1] > 0 for part in range(parts))
+        return self._flagged > 0
 
     def numbers(self, path: str) -> NDArray[np.float64]:
         """Return a copy of one part of all worlds by dotted path, such as "body.true_state": (N, k), or (N,) for a number."""
@@ -407,5 +350,4 @@ class Batch:
 
     def world(self, index: int) -> Snapshot:
         """Return one environment's world in Python numbers."""
-        assert self._world is not None
-        return self._world.load(self._tiles[index // TILE].tolist(), index % TILE)
+        return self._access.load(self._tiles[index // TILE], index % TILE)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from functools import reduce
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -273,52 +272,3 @@ def _reshape(body: Any, array: Array, *lengths: Any) -> Array:
 
 
 IN_PLACE["copy"], IN_PLACE["fill"], IN_PLACE["reshape"] = _copy, _fill, _reshape
-
-
-def register_access(
-    load: Callable[..., Any],
-    store: Callable[..., Any],
-    example: Any,
-    places: Sequence[int],
-    constants: Mapping[int, float] = MappingProxyType({}),
-) -> None:
-    """Let translated kernels load and store a value, each of whose numbers has a place relative to ``at``.
-
-    Those with one place are equal, and those of ``constants`` never change: both are stored once, or not at all.
-    """
-
-    def emit_load(body: Any, buffer: Array, at: Any) -> Any:
-        code, rest = body.code, iter(places)
-
-        def number(like: Any) -> Any:
-            if isinstance(like, tuple):
-                items = [number(item) for item in like]
-                return type(like)(*items) if hasattr(like, "_fields") else tuple(items)
-            place = next(rest)
-            if place in constants:
-                return type(like)(constants[place])
-            value = code.load(_at(code, buffer, at, place))
-            return code.compare("!=", value, 0.0, "f") if isinstance(like, bool) else value
-
-        return number(example)
-
-    def emit_store(body: Any, buffer: Array, at: Any, value: Any) -> None:
-        code, rest, done = body.code, iter(places), set(constants)
-
-        def write(part: Any) -> None:
-            if isinstance(part, tuple) and not isinstance(part, Number):
-                for item in part:
-                    write(item)
-            elif (place := next(rest)) not in done:
-                done.add(place)
-                code.store(_at(code, buffer, at, place), part)
-
-        write(value)
-
-    IN_PLACE[load], IN_PLACE[store] = emit_load, emit_store
-
-
-def _at(code: Any, buffer: Array, at: Any, place: int) -> Array:
-    (stride,) = buffer.strides
-    moved = code.moved(code.moved(buffer.address, at, stride), place, stride)
-    return Array(buffer.element, moved, (), ())

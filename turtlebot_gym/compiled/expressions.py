@@ -219,7 +219,7 @@ def of_Call(body: Any, node: ast.Call) -> Any:
     if isinstance(function, MethodType) and function.__name__ == "_replace":  # of a named tuple
         return function(**named)
     try:
-        emit = IN_PLACE.get(function)
+        emit = IN_PLACE.get(function) or vars(function).get("emit")
     except TypeError:
         emit = None
     if emit is not None:

@@ -17,17 +17,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from turtlebot_gym.compiled import native
-from turtlebot_gym.compiled.builtins import register_access
-from turtlebot_gym.compiled.loop import access_of
-from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten, layout_of, packing
-from turtlebot_gym.compiled.program import Caller, Program
+from turtlebot_gym.compiled.loop import parts_of
+from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten, layout_of
+from turtlebot_gym.compiled.program import Call, Program
 from turtlebot_gym.compiled.proof import Case, reduced
-from turtlebot_gym.compiled.step import step_of
 from turtlebot_gym.compiled.values import Untraceable
+from turtlebot_gym.heart import step_of
 from turtlebot_gym.kernel import kernel, thread, threads
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
-from turtlebot_gym.observations import observing, runs_of, size_of
+from turtlebot_gym.observations import size_of
 from turtlebot_gym.systems import Parameters, System
 from turtlebot_gym.values import Pose
 
@@ -42,23 +41,13 @@ THREADS = 64
 @cache
 def loops_of(system: System, case: Case) -> tuple[Callable[..., None], Callable[..., None]]:
     """Return the functions that step and that reset environments; all parameters are part of the case."""
-    step, count = step_of(system), case.waypoints
-    begin, act, conclude, retarget, start_outcome = step.begin, step.act, step.conclude, step.retarget, step.start_outcome
-    access, observe, runs = access_of(system, case), observing(system.terms), runs_of(system.terms)[0]
-    load_world, store_world, load_parameters, lay_out = (
-        access.load_world,
-        access.store_world,
-        access.load_parameters,
-        system.lay_out,
-    )
-    columns = [run.column + at - run.start for run in runs for at in range(run.start, run.stop)]
-    shown = packing(layout_of(system).observation.example, columns)
-    register_access(shown.load, shown.store, shown.example, columns)
-    show = shown.store
+    (begin, start_outcome, act, conclude, retarget), count = step_of(system), case.waypoints
+    load_parameters, load_world, store_world, show, *_ = parts_of(system, case)
+    lay_out = system.lay_out
 
     @kernel
     def write(row, world, outcome, p, observations, numbers, flags):
-        show(observations[row], 0, observe(world, p))
+        show(observations[row], world, p)
         numbers[0, row], numbers[1, row] = outcome.reward, outcome.distance
         flags[0, row], flags[1, row], flags[2, row] = outcome.is_success, outcome.terminated, outcome.truncated
         flags[3, row] = outcome.terminated or outcome.truncated
@@ -143,11 +132,6 @@ class DeviceBatch:
         case = Case(tuple(numbers), len(waypoints))
         world, _ = reduced(system, case)
         self.num_envs, self.device, self._width = num_envs, torch.device(device), size_of(system.terms)
-        build = on_processor if self.device.type == "cpu" else Launcher(num_envs, self.device)
-        self._step, self._reset = (
-            Caller(Program(loop, name, f"{case} {world.places}", 1, build))
-            for loop, name in zip(loops_of(system, case), ("steps on a GPU", "resets on a GPU"), strict=True)
-        )
         whole, tiles = {"dtype": torch.int64, "device": device}, -(-num_envs // TILE)
         self.seeds, self.episodes = torch.zeros(num_envs, **whole), torch.zeros(num_envs, **whole)
         self._nowhere = torch.zeros(num_envs, dtype=torch.bool, device=device)
@@ -155,8 +139,15 @@ class DeviceBatch:
         state = torch.zeros((tiles, world.size * TILE), dtype=torch.float64, device=device)
         poses = torch.tensor(waypoints, dtype=torch.float64, device=device).repeat(num_envs, 1, 1)
         self._held = state, torch.zeros(num_envs, **whole), self.seeds, self.episodes, poses
-        self._state = [*map(view_of, self._held)]
-        self._step.prepared(*self._arguments(torch.zeros((num_envs, 2)), None, self.empty()))
+        build = on_processor if self.device.type == "cpu" else Launcher(num_envs, self.device)
+        step, reset = (Program(loop, f"{case}", build=build) for loop in loops_of(system, case))
+        memory, actions = [*map(view_of, self._held)], torch.zeros((num_envs, 2), device=device)
+        mask, wrong = view_of(self._nowhere), view_of(self._wrong)
+        self._steps = [
+            Call(step, (view_of(actions), mask, at_once, wrong, *memory, *map(view_of, self.empty(1 + at_once))))
+            for at_once in (False, True)
+        ]
+        self._reset = Call(reset, (mask, True, *memory, *map(view_of, self.empty())))
 
     def step(self, actions: Any, mask: Any = None) -> Results:
         """Advance all environments by one step, and begin the next episode of some.
@@ -168,13 +159,12 @@ class DeviceBatch:
         Returns:
             New tensors, without a mask two copies; last distances and successes are zero where no episode has ended.
         """
-        results = self.empty(1 if mask is not None else 2)
-        self._step(*self._arguments(actions, mask, results))
+        at_once = mask is None
+        call, results = self._steps[at_once], self.empty(1 + at_once)
+        for at, tensor in zip((0, 1, 9, 10, 11), (actions, self._nowhere if at_once else mask, *results), strict=True):
+            call.put(at, tensor.data_ptr())
+        call()
         return results
-
-    def _arguments(self, actions: Any, mask: Any, results: Results) -> list[Any]:
-        given = view_of(actions), view_of(self._nowhere if mask is None else mask), mask is None, view_of(self._wrong)
-        return [*given, *self._state, *map(view_of, results)]
 
     def reset(self, mask: Any, results: Results, *, begins: bool = True) -> None:
         """Start the episodes of ``seeds`` and ``episodes`` where a mask is true, and write their first observations.
@@ -184,7 +174,10 @@ class DeviceBatch:
             results: One copy, to write to; what is outside the mask is left as it is.
             begins: Whether episodes start; otherwise those that go on are written again.
         """
-        self._reset(view_of(mask), begins, *self._state, *map(view_of, results))
+        self._reset.put(1, begins)
+        for at, tensor in zip((0, 7, 8, 9), (mask, *results), strict=True):
+            self._reset.put(at, tensor.data_ptr())
+        self._reset()
 
     def empty(self, copies: int = 1) -> Results:
         """Return uninitialized results."""
@@ -237,8 +230,7 @@ def _checked(text: str) -> str:
 def on_processor(text: str) -> Callable[[int], None]:
     """Return what calls a kernel on this processor, for all environments in turn."""
     alone = "define i64 @thread() alwaysinline { ret i64 0 }\ndefine i64 @threads() alwaysinline { ret i64 1 }\n"
-    (entry,) = native.functions_of(native.machine_code(_checked(text) + alone, 1), "entry")
-    return entry
+    return native.entry_of(native.machine_code(_checked(text) + alone, 1))
 
 
 _ON_DEVICE = """
@@ -270,7 +262,7 @@ def ptx_of(text: str) -> bytes:
     words = 1 + max(map(int, re.findall(r"getelementptr i64, ptr %block, i64 (\d+)", text)))
     entry = f"define ptx_kernel void @entry(ptr byval([{words} x i64]) align 8 %block)"
     text = re.sub(r"define void @entry\(.*?\)", entry, _checked(text))
-    return native.ptx(text + _ON_DEVICE).encode()
+    return native.ptx_of(text + _ON_DEVICE).encode()
 
 
 class Launcher:

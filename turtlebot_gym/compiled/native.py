@@ -1,23 +1,11 @@
-"""Machine code of LLVM's intermediate language, by llvmlite, for this processor: made once, and kept in files."""
+"""Machine code of LLVM's text, by llvmlite: for this processor, and for NVIDIA's GPUs."""
 
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import pickle
-import sys
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
-
-from turtlebot_gym.compiled import store
-
-
-class Code(NamedTuple):
-    """Machine code, and what its makers keep beside it."""
-
-    machine_code: bytes
-    notes: Any
+from typing import Any
 
 
 @cache
@@ -31,14 +19,8 @@ def _machine() -> Any:
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    features = llvm.get_host_cpu_features().flatten()
-    target = llvm.Target.from_default_triple()
+    target, features = llvm.Target.from_default_triple(), _features().flatten()
     return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=2, jit=True)
-
-
-def has(feature: str) -> bool:
-    """Return whether this processor has a feature, such as "avx512dq"."""
-    return _features().get(feature, False)
 
 
 @cache
@@ -48,51 +30,36 @@ def _features() -> Any:
     return llvm.get_host_cpu_features()
 
 
-def code_of(name: str, identity: str, make: Callable[[], tuple[str, Any]], level: int) -> Code:
-    """Return machine code from its file, or make it.
+def processor() -> str:
+    """Return what tells this processor from others."""
+    from llvmlite import binding as llvm
 
-    Args:
-        name: What it does, for the notice on a terminal and the name of its file.
-        identity: Everything that it is made of, except for processor and compiler.
-        make: ``make()`` returns the text for LLVM, and what to keep beside the machine code.
-        level: How much LLVM has to optimize it, from 1 to 3.
-    """
+    return f"{_machine().triple} {llvm.get_host_cpu_name()} {_features().flatten()}"
 
-    def compile_now() -> bytes:
-        text, notes = make()
-        return pickle.dumps(Code(machine_code(text, level), notes))
 
-    return kept(name, identity, pickle.loads, compile_now)
+def has(feature: str) -> bool:
+    """Return whether this processor has a feature, such as "avx512dq"."""
+    return _features().get(feature, False)
+
+
+def simplified(text: str) -> str:
+    """Return a text for LLVM with what follows from its constants worked out."""
+    return str(_optimized(text, 1, _machine()))
 
 
 def machine_code(text: str, level: int) -> bytes:
-    """Return the machine code of LLVM's text for this processor."""
+    """Return the machine code for this processor."""
     return _machine().emit_object(_optimized(text, level, _machine()))
 
 
-def ptx(text: str) -> str:
-    """Return the PTX of LLVM's text, for NVIDIA's GPUs from 2018 on."""
+def ptx_of(text: str) -> str:
+    """Return the assembly for NVIDIA's GPUs from 2018 on."""
     from llvmlite import binding as llvm
 
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple("nvptx64-nvidia-cuda").create_target_machine(cpu="sm_75", opt=3)
     return machine.emit_assembly(_optimized(text, 2, machine))
-
-
-def kept(name: str, identity: str, load: Callable[[bytes], Any], make: Callable[[], bytes]) -> Any:
-    """Return what a file of the cache holds, see `store.kept`; ``identity`` says all but the versions and the processor."""
-    import llvmlite
-    from llvmlite import binding as llvm
-
-    machine = f"{_machine().triple} {llvm.get_host_cpu_name()} {_features().flatten()}"
-    key = f"{identity} {sys.version} {llvmlite.__version__} {machine}"
-    return store.kept(name, hashlib.sha256(key.encode()).hexdigest(), load, make)
-
-
-def simplified(text: str) -> str:
-    """Return a text for LLVM with what follows from its constants worked out."""
-    return str(_optimized(text, 1, _machine()))
 
 
 def _optimized(text: str, level: int, machine: Any) -> Any:
@@ -119,21 +86,14 @@ _engines: list[Any] = []
 """What holds the machine code in memory."""
 
 
-def functions_of(machine_code: bytes, *names: str) -> list[Callable[[int], None]]:
-    """Return functions of machine code that take the address of their arguments; Python's other threads go on meanwhile."""
+def entry_of(code: bytes) -> Callable[[int], None]:
+    """Return the function "entry" of machine code, of an address; while it runs, other threads of Python go on."""
     from llvmlite import binding as llvm
 
     empty = llvm.parse_assembly("")
     empty.triple = _machine().triple
-    engine = llvm.create_mcjit_compiler(empty, _machine_for_engine())
-    engine.add_object_file(llvm.ObjectFileRef.from_data(machine_code))
+    engine = llvm.create_mcjit_compiler(empty, llvm.Target.from_default_triple().create_target_machine(jit=True))
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     _engines.append(engine)
-    kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
-    return [kind(engine.get_function_address(name)) for name in names]
-
-
-def _machine_for_engine() -> Any:
-    from llvmlite import binding as llvm
-
-    return llvm.Target.from_default_triple().create_target_machine(jit=True)
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p)(engine.get_function_address("entry"))

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections import namedtuple
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.heart import begin, step
+from turtlebot_gym.compiled.values import Array, Number
+from turtlebot_gym.heart import step, step_of
 from turtlebot_gym.observations import observing
 from turtlebot_gym.systems import System
 from turtlebot_gym.values import STOP, Pose
@@ -63,13 +65,18 @@ def as_tuple(value: Any) -> Any:
     return value
 
 
-def flatten(value: Any) -> Iterator[float]:
+def numbers_of(value: Any) -> Iterator[Any]:
     """Yield the numbers of a nested tuple in order."""
-    if isinstance(value, tuple):
+    if isinstance(value, tuple) and not isinstance(value, Number):
         for item in value:
-            yield from flatten(item)
+            yield from numbers_of(item)
     else:
-        yield float(value)
+        yield value
+
+
+def flatten(value: Any) -> Iterator[float]:
+    """Yield the numbers of a nested tuple in order, as floats."""
+    return map(float, numbers_of(value))
 
 
 def _items(value: tuple[Any, ...], path: str) -> Iterator[tuple[str, Any]]:
@@ -85,6 +92,14 @@ def mapped(value: Any, function: Callable[[str, Any], Any], path: str = "") -> A
         return function(path, value)
     items = [mapped(item, function, inner) for inner, item in _items(value, path)]
     return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+
+
+def filled(like: Any, numbers: Iterator[Any]) -> Any:
+    """Return a nested tuple with others in place of its numbers, in order."""
+    if not isinstance(like, tuple):
+        return next(numbers)
+    items = [filled(item, numbers) for item in like]
+    return type(like)(*items) if hasattr(like, "_fields") else tuple(items)
 
 
 def in_floats(value: Any) -> Any:
@@ -114,51 +129,79 @@ class Packing(NamedTuple):
     """Range of numbers of each tuple in the value, by its dotted path."""
     places: tuple[int, ...]
     """Place of each number: numbers that are always equal share one."""
-    size: int
-    """Number of places."""
-    load: Callable[[Any, int], Any]
-    """``load(buffer, at)`` returns the value whose first number is at ``buffer[at]``."""
-    store: Callable[[Any, int, Any], None]
-    """``store(buffer, at, value)`` writes it."""
+
+    @property
+    def size(self) -> int:
+        """Number of places."""
+        return max(self.places, default=-1) + 1
 
 
 def packing(example: Any, places: Sequence[int] | None = None) -> Packing:
-    """Return the layout of a value's type, with functions, made from its structure, that load and store it.
+    """Return the layout of a value's type.
 
     Args:
         example: A (nested) NamedTuple of numbers with the structure and the types (float, bool) of all such values.
         places: The place of each number; None for one after another.
     """
-    types: dict[str, Any] = {}
     names: list[str] = []
-    leaves: list[str] = []
     slices: dict[str, slice] = {}
-
-    def number(path: str, value: Any) -> None:
-        place = f"buffer[at + {(len(names) if places is None else places[len(names)]) * TILE}]"
-        names.append(path)
-        leaves.append(f"({place} != 0.0)" if isinstance(value, bool) else place)
-
-    def read(value: Any) -> str:
-        if not isinstance(value, tuple):
-            return next(numbers)
-        kind = f"T{len(types)}" if hasattr(value, "_fields") else ""
-        if kind:
-            types[kind] = type(value)
-        return f"{kind}({''.join(f'{read(item)}, ' for item in value)})"
-
-    mapped(example, number)
+    example = in_floats(example)
+    mapped(example, lambda path, value: names.append(path))
     _slices(example, "", 0, slices)
-    numbers = iter(leaves)
-    where = tuple(range(len(names))) if places is None else tuple(places)
-    writes = [
-        f"    buffer[at + {place * TILE}] = value{'.' * (not name.startswith('['))}{name}"
-        for place, name in zip(where, names, strict=True)
-    ]
-    source = ["def load(buffer, at):", f"    return {read(example)}", "def store(buffer, at, value):", *writes, "    return"]
-    scope: dict[str, Any] = types
-    exec("\n".join(source), scope)  # made of field names only
-    return Packing(in_floats(example), tuple(names), slices, where, max(where, default=-1) + 1, scope["load"], scope["store"])
+    return Packing(example, tuple(names), slices, tuple(range(len(names)) if places is None else places))
+
+
+class Access(NamedTuple):
+    """Kernels that load a value from a buffer, and store it there."""
+
+    load: Callable[[Any, Any], Any]
+    """``load(buffer, at)`` returns the value whose first number is at ``buffer[at]``."""
+    store: Callable[[Any, Any, Any], None]
+    """``store(buffer, at, value)`` writes it."""
+
+
+def access(pack: Packing, constants: Mapping[int, float] = MappingProxyType({}), distance: int = TILE) -> Access:
+    """Return how values are loaded and stored; translated kernels have an instruction for each number.
+
+    Args:
+        pack: The layout.
+        constants: What always stands at some places: it is neither loaded nor stored.
+        distance: From a place to the next one, in numbers.
+    """
+    example, kinds = pack.example, tuple(map(type, numbers_of(pack.example)))
+    places = tuple(place * distance for place in pack.places)
+    known = {place * distance: value for place, value in constants.items()}
+
+    def changing(value: Any) -> dict[int, Any]:
+        return {place: number for place, number in zip(places, numbers_of(value), strict=True) if place not in known}
+
+    def part_of(code: Any, buffer: Array, at: Any, place: int) -> Array:
+        (stride,) = buffer.strides
+        return Array(buffer.element, code.moved(code.moved(buffer.address, at, stride), place, stride), (), ())
+
+    def load(buffer, at):
+        numbers = (known[place] if place in known else buffer[at + place] for place in places)
+        return filled(example, (kind(number) for kind, number in zip(kinds, numbers, strict=True)))
+
+    def store(buffer, at, value):
+        for place, number in changing(value).items():
+            buffer[at + place] = number
+
+    def emit_load(body, buffer, at):
+        def number(place: int, kind: type) -> Any:
+            if place in known:
+                return kind(known[place])
+            value = body.code.load(part_of(body.code, buffer, at, place))
+            return body.code.compare("!=", value, 0.0, "f") if kind is bool else value
+
+        return filled(example, map(number, places, kinds))
+
+    def emit_store(body, buffer, at, value):
+        for place, number in changing(value).items():
+            body.code.store(part_of(body.code, buffer, at, place), number)
+
+    vars(load)["emit"], vars(store)["emit"] = emit_load, emit_store
+    return Access(load, store)
 
 
 class Layout(NamedTuple):
@@ -176,7 +219,7 @@ def layout_of(system: System) -> Layout:
     """Return the layout of a system's values in a tile, from an example of each."""
     p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
     scene = around.at(around.make([system.example]), 0) if around else ()
-    world = begin(system, system.lay_out(1, p, scene)[0], 1, waypoints, p, scene)
+    world = step_of(system).begin(system.lay_out(1, p, scene)[0], 1, waypoints, p, scene)
     world, outcome = step(system, world, STOP, 1, waypoints, p, scene)
     for term in system.terms:
         if not term.in_scene:

@@ -1,4 +1,4 @@
-"""Functions of arrays as machine code, by llvmlite: translated at their first call, and kept in files.
+"""Functions of arrays as machine code: translated at their first call, and kept in files.
 
 A function's arguments are numbers, arrays, and nested tuples of them. The code takes the address of a block of 64-bit integers:
 the numbers, and of each array the address, the lengths and the distances of its items along the axes, in bytes.
@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from turtlebot_gym.compiled import builtins, native  # noqa: F401  # builtins fills a table
-from turtlebot_gym.compiled.code import Code
-from turtlebot_gym.compiled.translate import Translator
+from turtlebot_gym.compiled import native
+from turtlebot_gym.compiled.files import fingerprint, kept
 from turtlebot_gym.compiled.values import Address, Array, Number, Untraceable, kinds_of, leaves, rebuilt
+from turtlebot_gym.kernel import HAS_LLVM
 
 _one_at_a_time = threading.Lock()
-MAKERS = ("syntax", "values", "code", "scopes", "expressions", "statements", "translate", "builtins", "program", "native")
-"""Modules that make the machine code."""
 
 
 def _is_adjacent(value: np.ndarray) -> bool:
@@ -28,11 +27,10 @@ def _is_adjacent(value: np.ndarray) -> bool:
     return value.strides[-1:] == (value.itemsize,)
 
 
-def _address(array: np.ndarray) -> int:
+def address_of(array: np.ndarray) -> int:
     """Return the address of an array, in a third of the time of ``array.ctypes`` if it has no gaps."""
-    flags = array.flags
     buffer: Any = array
-    return ctypes.addressof(ctypes.c_char.from_buffer(buffer)) if flags.carray else array.ctypes.data
+    return ctypes.addressof(ctypes.c_char.from_buffer(buffer)) if array.flags.carray else array.ctypes.data
 
 
 def _form(value: Any) -> Any:
@@ -45,12 +43,9 @@ def _form(value: Any) -> Any:
     if isinstance(value, tuple):
         items = [_form(item) for item in value]
         return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
-    if isinstance(value, (bool, np.bool_)):
-        return Number("b", "")
-    if isinstance(value, (int, np.integer)):
-        return Number("i", "")
-    if isinstance(value, (float, np.floating)):
-        return Number("f", "")
+    for kinds, kind in (((bool, np.bool_), "b"), ((int, np.integer), "i"), ((float, np.floating), "f")):
+        if isinstance(value, kinds):
+            return Number(kind, "")
     return value
 
 
@@ -78,6 +73,9 @@ def _words(value: Any) -> Iterator[int | float]:
 
 def text_of(function: Any, forms: tuple[Any, ...]) -> tuple[str, Any]:
     """Return the text of a function for LLVM, and the form of its result."""
+    from turtlebot_gym.compiled.code import Code
+    from turtlebot_gym.compiled.translate import Translator
+
     translator = Translator()
     code = Code(translator.module)
     at = iter(range(10**6))
@@ -109,9 +107,8 @@ class Program:
     """A function that runs as machine code.
 
     Args:
-        function: The function.
-        name: What it does, for people.
-        identity: Everything that its machine code is made of, except for types and processor.
+        function: Its globals and its closure hold kernels and numbers, which become a part of it.
+        name: What it does, for people and the name of its file.
         level: How much LLVM has to optimize it, from 1 to 3.
         build: ``build(text)`` returns the machine code of LLVM's text, in place of this processor's, which is kept in files.
     """
@@ -120,15 +117,19 @@ class Program:
         self,
         function: Callable[..., Any],
         name: str,
-        identity: str,
         level: int = 3,
         build: Callable[[str], Callable[[int], None]] | None = None,
     ) -> None:
-        self._function, self._name, self._identity, self._level, self._build = function, name, identity, level, build
+        self._function, self._name, self._level, self._build = function, name, level, build
         self._made: dict[Any, tuple[Callable[[int], None], Any]] = {}
 
     def __call__(self, *arguments: Any) -> Any:
-        return Caller(self)(*arguments)
+        return Call(self, arguments)()
+
+    @cached_property
+    def identity(self) -> str:
+        """What tells everything that the machine code is made of, except for the types of the arguments."""
+        return f"{self._level} {fingerprint(self._function)}"
 
     @property
     def signatures(self) -> list[Any]:
@@ -140,81 +141,47 @@ class Program:
         signature = _signature(arguments)
         if signature not in self._made:
             forms = tuple(map(_form, arguments))
+
+            def compile_now() -> tuple[bytes, Any]:
+                text, result = text_of(self._function, forms)
+                return native.machine_code(text, self._level), result
+
             with _one_at_a_time:
                 if self._build:
-                    text, notes = text_of(self._function, forms)
-                    self._made[signature] = self._build(text), notes
-                    return self._made[signature]
-                code = native.code_of(
-                    self._name, f"{self._identity} {forms}", lambda: text_of(self._function, forms), self._level
-                )
-                (entry,) = native.functions_of(code.machine_code, "entry")
-            self._made[signature] = entry, code.notes
+                    text, result = text_of(self._function, forms)
+                    entry = self._build(text)
+                else:
+                    code, result = kept(self._name, f"{self.identity} {forms}", compile_now)
+                    entry = native.entry_of(code)
+            self._made[signature] = entry, result
         return self._made[signature]
 
 
-class Caller:
-    """Calls a program again and again, mostly with the same arrays.
+class Call:
+    """A program and its arguments, to be called again and again.
 
-    Args:
-        program: The program.
+    Attributes:
+        code: The machine code, which takes `address`.
+        address: Where the arguments stand.
     """
 
-    def __init__(self, program: Program) -> None:
-        self._program, self._arguments, self._signatures = program, list[Any](), list[Any]()
-
-    def __call__(self, *arguments: Any) -> Any:
-        call, address = self.prepared(*arguments)
-        call(address)
-        return self._result()
-
-    def again(self, others: Sequence[tuple[int, np.ndarray]]) -> None:
-        """Repeat the last call with others in place of some arrays, by their index: they differ in nothing but the address."""
-        for at, array in others:
-            self._block[self._places[at]], self._arguments[at] = _address(array), None  # nobody holds results any longer
-        self._call(self._address)
-
-    def prepared(self, *arguments: Any) -> tuple[Callable[[int], None], int]:
-        """Return the machine code, and the address of its arguments, which this object holds until the next call."""
-        old = self._arguments
-        if len(old) != len(arguments):
-            self._lay_out(arguments)
-            return self._call, self._address
-        for at, (new, was) in enumerate(zip(arguments, old, strict=True)):
-            if new is was:
-                continue
-            if _signature(new) != self._signatures[at]:
-                self._lay_out(arguments)
-                break
-            if isinstance(was, np.ndarray) and new.shape == was.shape and new.strides == was.strides:
-                self._block[self._places[at]] = _address(new)
-            else:
-                self._write(self._places[at], new)
-            old[at] = new
-        return self._call, self._address
-
-    def _lay_out(self, arguments: tuple[Any, ...]) -> None:
-        self._call, self._form = self._program.code_for(arguments)
-        self._arguments, self._signatures = list(arguments), [_signature(value) for value in arguments]
-        sizes = [len(list(_words(value))) for value in arguments]
+    def __init__(self, program: Program, arguments: tuple[Any, ...]) -> None:
+        self.code, self._form = program.code_for(arguments)
+        self._arguments = [*arguments]
+        words = [[*_words(value)] for value in arguments]
+        sizes = [*map(len, words)]
         self._places = [sum(sizes[:at]) for at in range(len(sizes))]
         self._end = sum(sizes)
-        size = self._end + len(leaves(self._form))
-        self._block = (ctypes.c_int64 * max(size, 1))()
-        self._floats = (ctypes.c_double * max(size, 1)).from_buffer(self._block)
-        self._address = ctypes.addressof(self._block)
-        for place, value in zip(self._places, arguments, strict=True):
-            self._write(place, value)
+        size = self._end + max(1, len(leaves(self._form)))
+        self._block = (ctypes.c_int64 * size)()
+        self._floats = (ctypes.c_double * size).from_buffer(self._block)
+        self.address = ctypes.addressof(self._block)
+        for at, word in enumerate(word for part in words for word in part):
+            (self._floats if isinstance(word, float) else self._block)[at] = word
 
-    def _write(self, place: int, value: Any) -> None:
-        for at, word in enumerate(_words(value), place):
-            if isinstance(word, float):
-                self._floats[at] = word
-            else:
-                self._block[at] = word
-
-    def _result(self) -> Any:
-        at = iter(range(self._end, len(self._block)))
+    def __call__(self) -> Any:
+        self.code(self.address)
+        at = iter(range(self._end, self._end + len(leaves(self._form))))
 
         def number(leaf: Any) -> Any:
             index = next(at)
@@ -222,7 +189,24 @@ class Caller:
 
         return rebuilt(self._form, number)
 
+    def count(self) -> int:
+        """Call, and return the integer that the code returns, if it does."""
+        self.code(self.address)
+        return self._block[self._end]
 
-def caller_of(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return what calls a program or another function again and again."""
-    return Caller(function) if isinstance(function, Program) else function
+    def put(self, at: int, word: int) -> None:
+        """Put an integer in the place of an argument, or the address of an array that differs in nothing else.
+
+        Whoever calls holds that array.
+        """
+        self._block[self._places[at]], self._arguments[at] = word, None
+
+
+def compiled(function: Callable[..., Any], name: str, level: int = 3) -> Callable[..., Any]:
+    """Return a function as a `Program`, or itself where nothing is compiled; the arguments are those of `Program`."""
+    return Program(function, name, level) if HAS_LLVM else function
+
+
+def in_machine_code(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Decorate a function that is `compiled` under a name: llvmlite is not imported before its first call."""
+    return lambda function: compiled(function, name)

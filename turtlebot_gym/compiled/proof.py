@@ -6,7 +6,6 @@ this assumption, as LLVM simplifies it, shows which of them do not; without thos
 
 from __future__ import annotations
 
-import pickle
 import re
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,14 +13,13 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from turtlebot_gym.compiled import builtins, native  # noqa: F401  # builtins fills a table
-from turtlebot_gym.compiled.cache import fingerprint, sources_of
+from turtlebot_gym.compiled import native
 from turtlebot_gym.compiled.code import Code
+from turtlebot_gym.compiled.files import fingerprint, kept
 from turtlebot_gym.compiled.packing import Packing, layout_of, mapped, packing
-from turtlebot_gym.compiled.program import MAKERS
-from turtlebot_gym.compiled.step import step_of
 from turtlebot_gym.compiled.translate import Translator
 from turtlebot_gym.compiled.values import LLVM, Number, constant, kind_of
+from turtlebot_gym.heart import step_of
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.systems import System
 from turtlebot_gym.values import Pose
@@ -37,10 +35,8 @@ class Case(NamedTuple):
     """Parameters that all environments share and that are part of the code, by dotted path."""
     waypoints: int
     """Number of waypoints."""
-    shares: bool = False
-    """Whether outcomes have rows for the shares of the reward."""
-    before: tuple[tuple[str, Any], ...] = ()
-    """Classes that hold at present, if episodes go on."""
+    whole: bool = False
+    """Whether all numbers of a world are kept, since its episode began with other parameters."""
 
 
 def function_of(function: Callable[..., Any], *arguments: Any) -> tuple[str, dict[str, str]]:
@@ -109,7 +105,7 @@ def _divided(keys: Mapping[str, Any], values: Mapping[str, Any]) -> Classes:
 
 def _classes(system: System, case: Case) -> Classes:
     layout, fixed = layout_of(system), dict(case.fixed)
-    begin, act, conclude, retarget, _ = step_of(system)
+    begin, _, act, conclude, retarget = step_of(system)
     count, names = case.waypoints, layout.world.names
 
     def whole(world, command, key, waypoints, p):
@@ -134,9 +130,6 @@ def _classes(system: System, case: Case) -> Classes:
     world = mapped(layout.world.example, lambda path, like: next(rest))
     first = dict(zip(names, returned(function_of(start, pose("fx", "fy", "ft"), "ikey", goals, p)), strict=True))
     step = function_of(whole, world, ("fforward", "fturn"), "ikey", goals, p)
-    before = dict(case.before)
-    if before:
-        first = {name: value if before[name] == value else f"{value} {before[name]}" for name, value in first.items()}
     classes = _divided(first, first)
     while True:
         known = {
@@ -165,63 +158,39 @@ def _truths(example: Any) -> list[bool]:
 
 
 @cache
-def classes_of(system: System, case: Case) -> Classes:
-    """Return the classes of the numbers of a world on open ground, from the cache if they are there."""
-    case = case._replace(shares=False)
-    kernels = [part for part in step_of(system) if callable(part)]
-    sources = sources_of(*MAKERS, "proof", "packing", "step")
-    identity = f"{fingerprint(command_of, *kernels)} {sources} {case} {layout_of(system).world.names}"
-    return native.kept("numbers of open ground", identity, pickle.loads, lambda: pickle.dumps(_classes(system, case)))
-
-
-@cache
-def reduced(system: System, case: Case) -> tuple[Packing, dict[int, float]]:
+def reduced(system: System, case: Case) -> tuple[Packing, Mapping[int, float]]:
     """Return the layout of a world in which equal numbers share a place, and what stands at the places of constants."""
-    classes, example = classes_of(system, case), layout_of(system).world.example
+    world = layout_of(system).world
+    if case.whole:
+        return world, {}
+    identity = f"{fingerprint(command_of, *step_of(system))} {case} {world.names}"
+    classes: Classes = kept("numbers of open ground", identity, lambda: _classes(system, case))
     own = {name: at for at, name in enumerate(name for name, what in classes.items() if what == name)}
     constants: dict[float, int] = {}
     places = [
         own[what] if isinstance(what, str) else constants.setdefault(what, len(own) + len(constants))
         for what in classes.values()
     ]
-    return packing(example, places), {place: value for value, place in constants.items()}
+    return packing(world.example, places), {place: value for value, place in constants.items()}
 
 
-def allows(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
-    """Return whether numbers that are equal or constant in one case are so in another, so that episodes may go on there."""
-    return all(
-        before[name] == (before[what] if isinstance(what, str) else what) for name, what in after.items() if what != name
-    )
-
-
-def case_of(
-    system: System, numbers: Any, waypoints: int, shares: bool, old: Case | None, begun: bool, whole_numbers_only: bool
-) -> Case:
-    """Return the case of parameters, shape (1, K) or (N, K): what differs, now or in the old case, is loaded.
+def case_of(system: System, numbers: Any, waypoints: int, *, small: bool, old: Case | None) -> Case:
+    """Return the case of parameters, shape (1, K) or (N, K): what differs between environments is loaded.
 
     Args:
         system: The system.
         numbers: The parameters of all environments, or of one that stands for all, in the order of the layout.
         waypoints: Number of waypoints.
-        shares: Whether outcomes have rows for the shares of the reward.
-        old: The present case, if there is one.
-        begun: Whether episodes go on.
-        whole_numbers_only: Whether other numbers are loaded: in small batches, code of their own would never pay for itself.
+        small: Whether numbers that are not whole are loaded, too: code of their own would never pay for itself.
+        old: The case of episodes that go on, if any do.
     """
-    known = dict(old.fixed) if old else {}
+    names, same, known = layout_of(system).parameters.names, (numbers == numbers[0]).all(axis=0), dict(old.fixed) if old else {}
     fixed = tuple(
         (name, value)
-        for name, value, same in zip(
-            layout_of(system).parameters.names, numbers[0].tolist(), (numbers == numbers[0]).all(axis=0), strict=True
-        )
-        if same and (value.is_integer() or not whole_numbers_only) and (old is None or known.get(name) == value)
+        for name, value, is_same in zip(names, numbers[0].tolist(), same, strict=True)
+        if is_same and (value.is_integer() or not small) and (old is None or known.get(name) == value)
     )
-    case = Case(fixed, waypoints, shares)
-    if old is not None and begun:
-        classes = classes_of(system, old)
-        if not allows(classes, classes_of(system, case)):
-            case = case._replace(before=tuple(classes.items()))
-    return case
+    return old if old and fixed == old.fixed else Case(fixed, waypoints, whole=old is not None)
 
 
 def own_of(system: System, case: Case) -> Sequence[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -12,12 +11,6 @@ from functools import cache
 
 VARIABLE = "TURTLEBOT_GYM_THREADS"
 """Environment variable that limits the threads of a parallel loop."""
-
-TRIAL = 8
-"""Steps for which the other number of threads is tried."""
-FIRST_TRIAL, LAST_TRIAL = 32, 8192
-"""Fewest and most steps between trials. Each trial that changes nothing doubles the wait; steps that take twice the usual time
-end it."""
 
 
 @cache
@@ -33,71 +26,39 @@ class Threads:
     limit: int | None = None
     """Most threads of a parallel loop; None for as many as cores."""
     pool: ThreadPoolExecutor | None = None
-    """The threads."""
-
-    @classmethod
-    def acquire(cls) -> bool:
-        """Return whether the caller may run a parallel loop, and then must `release` it."""
-        return cls.limit != 1 and cls.lock.acquire(blocking=False)
 
     @classmethod
     def count(cls) -> int:
-        """Return the number of threads of the parallel loop that the caller may run."""
+        """Return the most threads of a parallel loop."""
         return _cores() if cls.limit is None else min(cls.limit, _cores())
 
     @classmethod
-    def release(cls) -> None:
-        """Let the next caller run a parallel loop."""
-        cls.lock.release()
+    @contextmanager
+    def taken(cls, wanted: bool) -> Iterator[int]:
+        """Let the caller use some threads for a while, and yield how many: one if it wants no more, or if others use them."""
+        if wanted and cls.count() > 1 and cls.lock.acquire(blocking=False):
+            try:
+                yield cls.count()
+            finally:
+                cls.lock.release()
+        else:
+            yield 1
+
+    @classmethod
+    def run(cls, functions: Sequence[Callable[[], int]]) -> list[int]:
+        """Call functions of machine code at once, the first one on this thread, and return what they return."""
+        first, *others = functions
+        if not others:
+            return [first()]
+        if cls.pool is None:
+            cls.pool = ThreadPoolExecutor(_cores(), "turtlebot_gym")
+        running = [cls.pool.submit(function) for function in others]
+        return [first(), *(other.result() for other in running)]
 
     @classmethod
     def after_fork(cls) -> None:
         """Drop the parent's lock and threads in a forked child."""
         cls.lock, cls.pool = threading.Lock(), None
-
-    @classmethod
-    def run(cls, function: Callable[[int], None], addresses: Sequence[int]) -> None:
-        """Call a function of machine code for several addresses at once, the first one on this thread."""
-        if cls.pool is None:
-            cls.pool = ThreadPoolExecutor(_cores(), "turtlebot_gym")
-        others = [cls.pool.submit(function, address) for address in addresses[1:]]
-        function(addresses[0])
-        for other in others:
-            other.result()
-
-
-class Pace:
-    """Chooses one thread or all of them by the measured time of steps, and tries the other choice from time to time.
-
-    All threads are faster on a machine with idle cores, and many times slower on a busy one, above all if they spin. The load
-    changes while a program runs. The results are bit-identical.
-    """
-
-    def __init__(self) -> None:
-        self.parallel = True
-        """Whether the next step should run on all threads."""
-        self._chosen = True
-        self._cost = {True: 0.0, False: 0.0}
-        self._usual = math.inf
-        self._steps = 0
-        self._wait = FIRST_TRIAL
-
-    def tell(self, seconds: float) -> None:
-        """Record the wall time, s, of a step that ran as `parallel` says."""
-        cost, self._steps = self._cost, self._steps + 1
-        if self.parallel == self._chosen:
-            cost[self._chosen] += (seconds - cost[self._chosen]) / min(self._steps, TRIAL)
-            if self._steps >= (FIRST_TRIAL if cost[self._chosen] > 2.0 * self._usual else self._wait):
-                self.parallel, self._steps, cost[not self._chosen] = not self._chosen, 0, 0.0
-            return
-        if self._steps > 1:  # the first one wakes the threads
-            cost[self.parallel] += seconds / (TRIAL - 1)
-        if self._steps == TRIAL or cost[self.parallel] > 2.0 * cost[self._chosen]:
-            if self._steps == TRIAL and cost[self.parallel] < cost[self._chosen]:
-                self._chosen, self._wait = self.parallel, FIRST_TRIAL
-            else:
-                self._wait = min(2 * self._wait, LAST_TRIAL)
-            self.parallel, self._steps, self._usual = self._chosen, 0, cost[self._chosen]
 
 
 @contextmanager

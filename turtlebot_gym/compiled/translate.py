@@ -6,13 +6,14 @@ Each kernel becomes a function, once for each form of its arguments: nested tupl
 from __future__ import annotations
 
 import ast
+import builtins as builtins_of_python
 import operator
 from collections.abc import Callable, Sequence
 from functools import cache
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from turtlebot_gym.compiled import expressions, statements
+from turtlebot_gym.compiled import builtins, expressions, statements  # noqa: F401  # builtins fills a table of expressions
 from turtlebot_gym.compiled.code import Code, Module
 from turtlebot_gym.compiled.scopes import has_loops, in_memory, returns_at_end
 from turtlebot_gym.compiled.syntax import syntax_of
@@ -31,8 +32,6 @@ from turtlebot_gym.compiled.values import (
     named_of,
     renamed,
 )
-
-_NOTHING: Any = object()
 
 
 class Room(NamedTuple):
@@ -231,11 +230,9 @@ class Body:
         scope = self.function.__globals__
         if name in scope:
             return scope[name]
-        builtins = scope["__builtins__"]
-        found = builtins.get(name, _NOTHING) if isinstance(builtins, dict) else getattr(builtins, name, _NOTHING)
-        if found is _NOTHING:
+        if not hasattr(builtins_of_python, name):
             raise Untraceable(f"the name {name!r} in the kernel {self.function.__name__!r}")
-        return found
+        return getattr(builtins_of_python, name)
 
     # Statements
 

@@ -16,7 +16,7 @@ from typing import Any
 import tyro
 
 from turtlebot_gym.entry_points import loadable
-from turtlebot_gym_agents.commands.programs import compile_loops, study
+from turtlebot_gym_agents.commands.programs import study
 from turtlebot_gym_agents.front.comparing import compare
 from turtlebot_gym_agents.front.learning import train
 from turtlebot_gym_agents.outputs import outputs_of, require_outputs
@@ -29,7 +29,6 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "train": train,
     "export": export,
     "study": study,
-    "compile": compile_loops,
 }
 """The product's commands; `commands` adds those of satellites."""
 

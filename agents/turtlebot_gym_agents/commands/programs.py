@@ -1,15 +1,13 @@
-"""Commands that are no part of the Python front door: ``study`` and ``compile``."""
+"""The command ``study``, which is no part of the Python front door."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import progress
 from turtlebot_gym_agents.front.results import Shown
 from turtlebot_gym_agents.outputs import JSON, require_outputs
 from turtlebot_gym_agents.provenance import write_json
@@ -71,29 +69,3 @@ def _study_table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
                 f"{result['p_holm']:.2g}" if "p_holm" in result else "",
             )
     return drawn
-
-
-def compile_loops(*system: str, all: bool = False, processes: int = os.cpu_count() or 1) -> Shown:
-    """Compile the loops of environments ahead of their first use: on a robot, in a container, before tests.
-
-    All processes, clones and virtual environments of a user share them, in the user's folder for caches or in
-    TURTLEBOT_GYM_CACHE_DIR. Without this command each is compiled when it is first used.
-
-    Args:
-        system: What to compile: nav (the default, with kalman and rooms-kalman), the task square with a filter (kalman, wheels,
-            gated), FILTER+fixes with fixes in time, rooms-FILTER, and rooms-localized.
-        all: Compile all of them.
-        processes: Number of processes that compile at the same time.
-    """
-    from rich.table import Table
-
-    from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
-    from turtlebot_gym.compiled.store import folder
-
-    names = tuple(SYSTEMS) if all else tuple(dict.fromkeys(system)) or ("nav", "kalman", "rooms-kalman")
-    with progress(len(names)) as advance_to:
-        times = fill_all(names, processes=min(processes, len(names)), progress=advance_to)
-    table = Table("system", "compiled or loaded in, s", title=f"cache: {folder()}")
-    for name, seconds in times.items():
-        table.add_row(name, f"{seconds:.1f}")
-    return Shown(table)

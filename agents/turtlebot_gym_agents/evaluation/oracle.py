@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.cache import in_machine_code
+from turtlebot_gym.compiled.program import in_machine_code
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.rooms.geodesic import UNREACHED, cell_of, centre_of, extent

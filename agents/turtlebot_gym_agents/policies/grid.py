@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.program import compiled
 from turtlebot_gym.kernel import in_loops, kernel, sqrt
 from turtlebot_gym.models.angles import TWO_PI, sincos
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT

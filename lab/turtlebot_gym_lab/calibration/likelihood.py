@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.compiled.program import in_machine_code
 from turtlebot_gym.estimation.ekf import initialize, predict
 from turtlebot_gym.estimation.update import wrapped
 from turtlebot_gym.kernel import kernel

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.compiled.program import in_machine_code
 from turtlebot_gym.localization.bank import COLUMNS, ROWS
 from turtlebot_gym.localization.hypotheses import correct_by_scan, nowhere
 from turtlebot_gym.localization.localizer import TRACKING, locate, move, state_of, stay

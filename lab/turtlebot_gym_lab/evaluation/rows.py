@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.cache import compiled, in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.compiled.program import compiled, in_machine_code
 from turtlebot_gym.estimation.filters import filter_of, matrix
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel
