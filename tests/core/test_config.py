@@ -72,13 +72,11 @@ def test_other_variances_are_refused(value):
 
 def test_a_choice_is_what_the_name_stands_for():
     known = {"one": 1, "three": 3}
-    assert choose("number", "one", known) == Range().check("it", 1) == 1
+    assert choose("number", "one", known) == 1
     for name, question in (("four", ""), ("thee", " Did you mean 'three'?"), (["one"], ""), (None, "")):
         message = f"number must be one of 'one', 'three', got {name!r}.{question}"
         with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-            choose("number", name, known)
-        with pytest.raises(ValueError, match=r"^number must be one of 'one', 'three'"):
-            Names(("one", "three")).check("number", name)
+            Names(tuple(known)).check("number", name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,12 +118,8 @@ def test_fields_get_the_types_that_they_are_declared_with():
         ({"length": -1.0}, "Whole.length must be a positive number from 1e-15 to 1e+09, got -1.0."),
         ({"count": 1.5}, "Whole.count must be a whole number of at least 0, got 1.5."),
         ({"flag": 1}, "Whole.flag must be True or False, got 1."),
-        ({"limit": -1}, "Whole.limit must be a number from 0 to 1e+09, got -1."),
-        ({"pair": (1.0,)}, "Whole.pair must be 2 numbers, got (1.0,)."),
         ({"any": [True]}, "Whole.any[0] must be a number, got True."),
-        ({"part": 1}, "Whole.part must be a Part or a mapping of its fields (size), got 1."),
         ({"part": {"sizze": 1}}, "Whole.part: Part has no sizze; it has size. Did you mean 'size'?"),
-        ({"breadth\n": 1.0}, "it: Whole has no breadth; it has length, count, flag, limit, pair, any, part."),
         ({"length": "x" * 999}, "Whole.length must be a positive number from 1e-15 to 1e+09, got '" + "x" * 199 + "."),
     ],
 )
