@@ -6,8 +6,7 @@ import random
 import pytest
 from driver import LIES, Driver, wrapped
 
-from turtlebot_gym.estimation.agreement import Agreement
-from turtlebot_gym.estimation.contradiction import Compared, explanation
+from turtlebot_gym.estimation.agreement import Agreement, _explanation
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
@@ -211,8 +210,7 @@ def test_time_alone_ends_no_refusal_and_begin_does():
 
 def test_the_explanation_of_a_drive_in_the_frame_of_the_world_is_that_frame():
     told = (0.3 * math.cos(1.2), 0.0, 0.0)
-    compared = Compared(1.2, 0.3, 0.0, 0.0, told, (0.05, 0.05, 0.1))
-    assert explanation(compared) == "the twist is in the world's frame"
+    assert _explanation(1.2, (0.3, 0.0, 0.0), told, (0.05, 0.05, 0.1)) == "the twist is in the world's frame"
 
 
 def test_a_twist_that_froze_shows_when_the_robot_turns_another_way():

@@ -12,7 +12,7 @@ from turtlebot_gym import Episode, FixNoise, make_filter, make_noise, make_param
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.estimation.ekf import correct
 from turtlebot_gym.estimation.filters import covariance_of, filter_of, matrix
-from turtlebot_gym.estimation.fixes import no_fix, with_fixes
+from turtlebot_gym.estimation.fixes import NO_FIX, with_fixes
 from turtlebot_gym.estimation.sixth import NOTHING, Sixth, correct_both
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.tasks import SQUARE
@@ -45,10 +45,10 @@ def fix_at(k, R=POSE, age=0.0):
 
 def with_late(filter, tuning, fixes, *, depth=DEPTH, steps=20):
     """Drive a filter that receives fixes, each in a step; return its estimates."""
-    before = SENSES(*senses(0), no_fix())
+    before = SENSES(*senses(0), NO_FIX)
     log, filter = [], with_fixes(filter, depth)
     for k in range(steps + 1):
-        now = SENSES(*senses(k), fixes.get(k, no_fix()))
+        now = SENSES(*senses(k), fixes.get(k, NO_FIX))
         log.append(filter.step(log[-1], before, now, tuning, DT, 0.5) if k else filter.start(now, tuning))
         before = now
     return log

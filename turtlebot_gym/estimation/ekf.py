@@ -16,14 +16,7 @@ from typing import NamedTuple
 from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, choose, judge, restart
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.sixth import NOTHING, correct_both
-from turtlebot_gym.estimation.update import (
-    Variances,
-    of_heading,
-    of_x,
-    of_y,
-    update,
-    wrapped,
-)
+from turtlebot_gym.estimation.update import Variances, of_heading, of_x, of_y, update, wrapped
 from turtlebot_gym.kernel import algebra, kernel
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
@@ -102,20 +95,15 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, int
 
 
 @kernel
-def correct_position(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Belief, float, float]:
+def correct_position(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float, float]:
     """Condition the belief on the position part of a measured pose.
-
-    Args:
-        belief: Prior mean and covariance.
-        z: Measured pose; m, m, rad.
-        R: Variances of the measured x, y and heading; m^2, m^2, rad^2.
-        turn: The heading's innovation, rad.
 
     Returns:
         The posterior, with its heading not wrapped yet; the normalized innovation squared; and the rest of the heading's
         innovation, reduced by the turn that x and y already explain, which avoids wrapping twice.
     """
     prior = belief.mean.theta
+    turn = wrap(z.theta - prior)
     belief, nis_x = update(belief, of_x(belief.covariance), z.x - belief.mean.x, R[0])
     belief, nis_y = update(belief, of_y(belief.covariance), z.y - belief.mean.y, R[1])
     return belief, nis_x + nis_y, turn - (belief.mean.theta - prior)
@@ -133,15 +121,9 @@ def correct(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float]:
     Returns:
         The posterior, and the normalized innovation squared ``nu' S^-1 nu`` with ``S = P + R``.
     """
-    belief, nis, turn = correct_position(belief, z, R, innovation(belief.mean, z).theta)
+    belief, nis, turn = correct_position(belief, z, R)
     belief, nis_theta = update(belief, of_heading(belief.covariance), turn, R[2])
     return wrapped(belief), nis + nis_theta
-
-
-@kernel
-def innovation(mean: State, z: Pose) -> Pose:
-    """Return measured minus predicted pose, with the heading wrapped."""
-    return Pose(z.x - mean.x, z.y - mean.y, wrap(z.theta - mean.theta))
 
 
 @kernel
@@ -171,8 +153,7 @@ def _gated_step(
     odometry, rules = senses.odometry, tuning.kind
     prior = predict(estimate.belief, odometry.twist, tuning, dt, integrator)
     z, measured = odometry.pose, odometry.measured
-    turn = innovation(prior.mean, z).theta
-    placed, nis, turn = correct_position(prior, z, tuning.R, turn)
+    placed, nis, turn = correct_position(prior, z, tuning.R)
     turned, nis_theta = update(placed, of_heading(placed.covariance), turn, tuning.R[2])
     misplaced = nis > rules.gate
     is_outlier = misplaced | (nis_theta > rules.heading_gate)
@@ -185,7 +166,6 @@ def _gated_step(
 
 @kernel
 def _carried_start(senses: Senses, tuning: FilterTuning) -> Estimate:
-    """Start from the first measurement, after which none is missed."""
     return Estimate(initialize(senses.odometry.pose, tuning).belief, 0.0, 0.0)
 
 
@@ -195,20 +175,15 @@ def _carried_step(
 ) -> Estimate:
     """Move the belief as the odometry moved, or by the twist if its systematic errors are known; the covariance grows."""
     x, y, theta, _, _ = estimate.belief.mean
-    process = tuning.process
+    process, (z, twist, measured), last = tuning.process, senses.odometry, before.odometry.pose
     is_exact = (process.scale == 1.0) & (process.turn_scale == 1.0) & (process.veer == 0.0)  # without the branch of an `and`
-    twist, z, last = senses.odometry.twist, senses.odometry.pose, before.odometry.pose
     prior = predict(estimate.belief, twist, tuning, dt, integrator)
     pose = increment(Pose(x, y, theta), last, z, sincos(theta - last.theta))
     missed = estimate.rejections  # measurements in a row, after which an increment is as many times as long
     carries = is_exact & (not _leaps(last, z, estimate.belief.mean, twist, (missed + 1.0) * dt, tuning))
-    by_twist = prior.mean
-    mean = by_twist._replace(
-        x=pose.x if carries else by_twist.x,
-        y=pose.y if carries else by_twist.y,
-        theta=pose.theta if carries else by_twist.theta,
-    )
-    return Estimate(Belief(mean, prior.covariance), 0.0, 0.0 if senses.odometry.measured else missed + 1.0)
+    by_increment = prior.mean._replace(x=pose.x, y=pose.y, theta=pose.theta)
+    mean = by_increment if carries else prior.mean
+    return Estimate(Belief(mean, prior.covariance), 0.0, 0.0 if measured else missed + 1.0)
 
 
 @kernel

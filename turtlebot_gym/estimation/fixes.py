@@ -1,8 +1,7 @@
 """Absolute fixes for any filter: an external pose measurement is applied at its stamp, however late it arrives.
 
-A filter that treated a late fix as current would pull the belief back to where the robot was. This one keeps the inputs of the
-last steps and its estimate from before them. It inserts a fix into the step to which it belongs, and replays the inputs since
-then. The result is bit-identical to that of a fix in time.
+This one keeps the inputs of the last steps and its estimate from before them. It inserts a fix into the step to which it
+belongs, and replays the inputs since then. The result is bit-identical to that of a fix in time.
 
 References:
     Bar-Shalom, "Update with out-of-sequence measurements in tracking: exact solution", *IEEE Transactions on Aerospace and
@@ -16,19 +15,15 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.parameters import MAX_FIX_AGE
 from turtlebot_gym.values import Belief, Fix, Pose, senses_of
 
 
 class StoredStep(NamedTuple):
-    """Inputs of a filter in one step."""
+    """Inputs of a filter in one step: what it reads of the senses, and the fix that was measured at its end."""
 
     senses: Any
-    """Values of the sensors that the filter reads."""
     fix: Fix
-    """Fix that was measured at the end of the step, whenever it arrived."""
     dt: float
-    """Length of the step, s."""
 
 
 class Remembered(NamedTuple):
@@ -48,19 +43,12 @@ class Remembered(NamedTuple):
 
 
 def late_by(age: float, dt: float) -> int:
-    """Return how many steps of dt, s, a fix of an age, s, is late."""
+    """Return how many steps of dt, s, a fix of an age, s, is late: so many steps must be stored for it."""
     return round(age / dt)
 
 
-def depth_of(dt: float, age: float = MAX_FIX_AGE) -> int:
-    """Return the number of steps of dt, s, to store for fixes up to an age, s; 0 for those of the present step."""
-    return late_by(age, dt)
-
-
-@kernel
-def no_fix() -> Fix:
-    """Return the placeholder for no fix."""
-    return Fix(Pose(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, False, (0.0, 0.0, 0.0))
+NO_FIX = Fix(Pose(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, False, (0.0, 0.0, 0.0))
+"""What stands for no fix."""
 
 
 @cache
@@ -74,7 +62,15 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
     if depth == 0:
         return _in_time(filter)
     begin, step, fix_in, reads, *_ = filter
-    Read, places, last = senses_of(reads), tuple(range(depth + 1)), depth  # only what it reads is stored
+    Read, places, last = senses_of(reads), tuple(range(depth + 1)), depth
+
+    @kernel
+    def stored_step(senses, dt):
+        return StoredStep(Read(*(getattr(senses, name) for name in reads)), NO_FIX, dt)
+
+    @kernel
+    def remember(newest, stored, oldest, steps):
+        return Remembered(newest.belief, newest.nis, newest, stored, oldest, steps)
 
     @kernel
     def advance(estimate, before, now, tuning, integrator):
@@ -86,9 +82,8 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
 
     @kernel
     def start(senses, tuning):
-        first = begin(senses, tuning)
-        stored = StoredStep(Read(*(getattr(senses, name) for name in reads)), no_fix(), 0.0)
-        return Remembered(first.belief, first.nis, first, tuple(stored for _ in places), first, 0.0)
+        first, stored = begin(senses, tuning), stored_step(senses, 0.0)
+        return remember(first, tuple(stored for _ in places), first, 0.0)
 
     @kernel
     def insert(estimate, fix, tuning, integrator):
@@ -108,16 +103,15 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
         for place in places[:0:-1]:
             if place <= count:
                 newest = advance(newest, stored[place], stored[place - 1], tuning, integrator)
-        return Remembered(newest.belief, newest.nis, newest, stored, oldest, count)
+        return remember(newest, stored, oldest, count)
 
     @kernel
     def step_on(estimate, before, senses, tuning, dt, integrator):
         old, oldest, now = estimate.history, estimate.oldest, senses.fix
         if estimate.steps >= last:
             oldest = advance(oldest, old[last], old[last - 1], tuning, integrator)
-        stored = (StoredStep(Read(*(getattr(senses, name) for name in reads)), no_fix(), dt), *old[:-1])
-        newest = step(estimate.newest, before, senses, tuning, dt, integrator)
-        remembered = Remembered(newest.belief, newest.nis, newest, stored, oldest, min(estimate.steps + 1.0, 1.0 * last))
+        newest, stored = step(estimate.newest, before, senses, tuning, dt, integrator), (stored_step(senses, dt), *old[:-1])
+        remembered = remember(newest, stored, oldest, min(estimate.steps + 1.0, 1.0 * last))
         if now.arrived:
             fix = Fix(now.pose, now.R, now.age, now.arrived, now.cross)  # without what a simulated sensor keeps beside it
             remembered = insert(remembered, fix, tuning, integrator)

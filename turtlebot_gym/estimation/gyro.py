@@ -56,7 +56,6 @@ class _GyroEstimate(NamedTuple):
 
 @kernel
 def _start(senses: Any, tuning: FilterTuning) -> _GyroEstimate:
-    """Start from the first measurement, without a bias; see `interface.Filter`."""
     belief, deviation = ekf.initialize(senses.odometry.pose, tuning).belief, tuning.kind.bias_deviation
     bias = Sixth(0.0, deviation * deviation, Pose(0.0, 0.0, 0.0))
     return _GyroEstimate(belief, 0.0, bias, ONE_MEASUREMENT, 0.0, 0.0, belief.covariance.ww)
@@ -87,38 +86,6 @@ def _predict(
 
 
 @kernel
-def _settle_both(
-    rejections: float,
-    prior: Belief,
-    sixth: Sixth,
-    z: Pose,
-    measured: bool,
-    tuning: FilterTuning,
-    dt: float,
-) -> tuple[Belief, Sixth, float, float]:
-    """Correct by a measured pose, unless there is none or the gate refuses it.
-
-    A filter that starts anew keeps its further state, which then has no covariance with the pose.
-
-    Returns:
-        Belief and further state, the NIS, and the number of refusals in a row.
-    """
-    R = tuning.R
-    posterior, corrected, nis = correct_both(prior, sixth, z, (R[0], R[1], R[2], 0.0, 0.0, 0.0))
-    verdict = judge(rejections, measured, nis > tuning.kind.gate, tuning, dt)
-    belief = choose(verdict, measured, prior, posterior, restart(prior, z, tuning))
-    lost, takes = verdict.lost, measured & (nis <= tuning.kind.gate)
-    old, new = sixth.column, corrected.column
-    column = Pose(
-        0.0 if lost else (new.x if takes else old.x),
-        0.0 if lost else (new.y if takes else old.y),
-        0.0 if lost else (new.theta if takes else old.theta),
-    )
-    mean, variance = (corrected.mean if takes else sixth.mean), (corrected.variance if takes else sixth.variance)
-    return belief, Sixth(mean, variance, column), nis, verdict.rejections
-
-
-@kernel
 def _turning(estimate: _GyroEstimate, belief: Belief, bias: Sixth) -> _GyroEstimate:
     """Return an estimate with another belief and bias, and the turning rate that follows from the bias."""
     share = estimate.share
@@ -131,21 +98,22 @@ def _turning(estimate: _GyroEstimate, belief: Belief, bias: Sixth) -> _GyroEstim
 def _step(
     estimate: _GyroEstimate, before: Any, senses: Any, tuning: FilterTuning, dt: float, integrator: float
 ) -> _GyroEstimate:
-    """Predict, and correct by turning rate and pose; see `interface.Filter`."""
     odometry, gyro, measured = senses.odometry, tuning.kind, senses.imu.omega
     belief, bias = _predict(estimate, odometry.twist, tuning, dt, integrator)
     # The gyro minus the turning rate of the wheels measures the bias; what remains of both is the turning rate itself.
     told, unsure = belief.mean.omega, belief.covariance.ww
-    of_bias = Projection(bias.column, bias.variance)
     off, noise = measured - told - bias.mean, unsure + gyro.variance
-    belief, bias, _ = update_both(belief, bias, of_bias, bias.variance, off, noise)
-    share = unsure * inverse_of(noise)
+    belief, bias, _ = update_both(belief, bias, Projection(bias.column, bias.variance), bias.variance, off, noise)
+    share, prior, z, R = unsure * inverse_of(noise), wrapped(belief), odometry.pose, tuning.R
     corrects = odometry.measured & gyro.corrects
-    belief, bias, nis, rejections = _settle_both(
-        estimate.rejections, wrapped(belief), bias, odometry.pose, corrects, tuning, dt
-    )
+    posterior, corrected, nis = correct_both(prior, bias, z, (R[0], R[1], R[2], 0.0, 0.0, 0.0))
+    verdict = judge(estimate.rejections, corrects, nis > gyro.gate, tuning, dt)
+    belief = choose(verdict, corrects, prior, posterior, restart(prior, z, tuning))
+    bias = corrected if corrects & (nis <= gyro.gate) else bias
+    alone = bias._replace(column=Pose(0.0, 0.0, 0.0))  # a belief that starts anew has nothing in common with the bias
+    bias = alone if verdict.lost else bias
     nis, offset = nis if corrects else estimate.nis, told + share * (measured - told)
-    return _turning(_GyroEstimate(belief, nis, bias, rejections, offset, share, share * gyro.variance), belief, bias)
+    return _turning(_GyroEstimate(belief, nis, bias, verdict.rejections, offset, share, share * gyro.variance), belief, bias)
 
 
 @kernel

@@ -27,8 +27,7 @@ from turtlebot_gym.models.unicycle import Integrator, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 
 KNOWN = EXTENDED, UNSCENTED = "ExtendedKalmanFilter", "UnscentedKalmanFilter"
-UNKNOWN = 1e9
-"""Variance of a heading that was not measured, rad^2."""
+UNKNOWN = 1e9  # variance of a heading that was not measured, rad^2
 
 
 def kinds_of(given: object) -> list[str]:
@@ -67,18 +66,17 @@ class _Worker:
 
     def predict(self, twist: NDArray[np.float64], dt: float) -> None:
         """Move by an interval, s; the twist holds from its end on."""
-        filter, before, n = self._filter, self.x.copy(), self._states
+        filter, (x, y, theta, v, omega, *more), n = self._filter, self.x.tolist(), self._states
         self._load()
         filter.Q = self._Q * (dt / self._period)
-        u = before[3:5] if n == 3 else twist
+        u = np.array([v, omega]) if n == 3 else twist
         if self._moves_as_robot:
-            x, y, theta, v, omega = before[:5].tolist()
             moved, F = motion(theta, v, omega, dt, Integrator.EULER), np.eye(max(n, 5))
             F[3, 3] = F[4, 4] = 0.0  # commands replace the twist
             F[0, 2:5], F[1, 2:5], F[2, 4] = moved[3:6], moved[6:], dt
-            pose, F = (x + moved.x, y + moved.y, theta + moved.theta), F[:n, :n]
-            filter.x = np.reshape([*pose, *twist, *before[5:]][:n], np.shape(filter.x))
-            filter.P = F @ filter.P @ F.T + filter.Q
+            state = [x + moved.x, y + moved.y, theta + moved.theta, *twist, *more]
+            filter.x = np.reshape(state[:n], np.shape(filter.x))
+            filter.P = F[:n, :n] @ filter.P @ F[:n, :n].T + filter.Q
         elif self._is_extended:
             filter.predict(u)
         else:
@@ -102,7 +100,6 @@ class _Worker:
         self._unload(self.x[3:5])
 
     def _load(self) -> None:
-        """Put state and covariance into the object."""
         n, filter = self._states, self._filter
         filter.x, filter.P = np.reshape(np.array(self.x[:n]), np.shape(filter.x)), np.array(self.P[:n, :n])
 

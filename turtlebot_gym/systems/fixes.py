@@ -9,7 +9,7 @@ import math
 from functools import cache
 from typing import NamedTuple
 
-from turtlebot_gym.estimation.fixes import no_fix
+from turtlebot_gym.estimation.fixes import NO_FIX
 from turtlebot_gym.estimation.update import inverse_of
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
@@ -76,8 +76,7 @@ def fix_sensor(late: int) -> Sensor:
 
     @kernel
     def first(body, key, p):
-        none = no_fix()
-        return TrackedFix(none.pose, none.R, none.age, none.arrived, none.cross, tuple(_pose(body) for _ in places))
+        return TrackedFix(*NO_FIX, passed=tuple(_pose(body) for _ in places))
 
     @kernel
     def sense(body, before, key, at, p):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from turtlebot_gym.config import FINITE, as_int, choose, did_you_mean, given, refusal, short_repr, split
-from turtlebot_gym.estimation.fixes import depth_of
+from turtlebot_gym.estimation.fixes import late_by
 from turtlebot_gym.files import load_object
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.unicycle import INTEGRATORS
@@ -159,7 +159,7 @@ class Options:
         task, waypoints = self.course()
         late, dt = as_int("delay", self.delay, 0, MAX_DELAY), DT.check("dt", self.dt)
         fix = () if self.fix is None else make_fix(self.fix)
-        if fix and depth_of(dt, fix.delay) > MAX_DEPTH:
+        if fix and late_by(fix.delay, dt) > MAX_DEPTH:
             raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {fix.delay!r} s with dt {dt!r} s.")
         noise, robot = make_noise(self.noise), make_robot(self.robot)
         pose, items = read_items(self.observation)

@@ -13,7 +13,7 @@ from typing import Any
 
 from turtlebot_gym.config import refusal
 from turtlebot_gym.estimation.filters import filter_of
-from turtlebot_gym.estimation.fixes import depth_of, late_by, with_fixes
+from turtlebot_gym.estimation.fixes import late_by, with_fixes
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.files import load_object
 from turtlebot_gym.kernel import kernel, sqrt
@@ -144,7 +144,7 @@ def system_of(parameters: Parameters) -> System:
         ValueError: If the filter reads a sensor that the system does not have.
     """
     filter, fix = filter_of(parameters.tuning), parameters.fix
-    filter = with_fixes(filter, depth_of(parameters.dt, fix.delay)) if fix else filter
+    filter = with_fixes(filter, late_by(fix.delay, parameters.dt)) if fix else filter
     system = rooms(filter) if parameters.room else open_ground(filter)
     system = localizing(system) if parameters.localizer else system
     system = system._replace(terms=LOCATED_ROOM) if parameters.localizer and parameters.observed == Observed.LOCATED else system

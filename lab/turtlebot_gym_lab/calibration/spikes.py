@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 from turtlebot_gym.config import NON_NEGATIVE, PROBABILITY, check_fields
-from turtlebot_gym.estimation.ekf import innovation, predict
+from turtlebot_gym.estimation.ekf import predict
 from turtlebot_gym.estimation.update import absorb, innovation_variance, inverse_of, of_heading, of_x, of_y, update, wrapped
 from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.values import Belief, Odometry
 
@@ -68,7 +69,7 @@ def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, i
     """Predict a belief, and correct it by a measurement's three explanations."""
     R, share, spike, measured = tuning.R, tuning.kind.spike_probability, tuning.kind.spike, odometry.measured
     prior, z = predict(belief, odometry.twist, tuning, dt, integrator), odometry.pose
-    turn = innovation(prior.mean, z).theta
+    turn = wrap(z.theta - prior.mean.theta)
     h_x = of_x(prior.covariance)
     placed, nis_x = update(prior, h_x, z.x - prior.mean.x, R[0])
     h_y = of_y(placed.covariance)

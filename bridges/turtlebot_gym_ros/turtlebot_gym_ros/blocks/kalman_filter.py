@@ -10,7 +10,7 @@ from turtlebot_gym.config import Range, check_fields, choose
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import filter_of
-from turtlebot_gym.estimation.fixes import depth_of, no_fix, with_fixes
+from turtlebot_gym.estimation.fixes import NO_FIX, late_by, with_fixes
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
@@ -20,7 +20,7 @@ from turtlebot_gym.values import ORIGIN, STOP, Command, Fix, Odometry, Pose, sen
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility, Gate, bounded
 from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, Input, Nis, On, Output, Resume, Stamped
 
-REMEMBERED = depth_of(0.01)
+REMEMBERED = late_by(MAX_FIX_AGE, 0.01)
 """Number of steps stored for late fixes: half a second of odometry at 100 Hz, longer at lower rates."""
 STANDS = Command(0.01, 0.05)
 """Twist up to which the odometry of a robot says that it stands; m/s, rad/s."""
@@ -139,7 +139,7 @@ class KalmanFilter:
 
     def _restart(self) -> None:
         self._estimate: Estimate | None = None
-        self._senses = _SENSES(Odometry(ORIGIN, STOP, False), no_fix())
+        self._senses = _SENSES(Odometry(ORIGIN, STOP, False), NO_FIX)
         self._time = self._unused = 0.0
         self._last_fix: tuple[Fix, float] | None = None
         self._gate.forget()
@@ -183,7 +183,7 @@ class KalmanFilter:
         if self._seat:
             read, place = self._seat
             now = now._replace(pose=increment(place, read, now.pose, sincos(place.theta - read.theta)))
-        senses = _SENSES(now, no_fix())
+        senses = _SENSES(now, NO_FIX)
         after = self._filter.start(senses, tuning) if begins else self._advance(senses, dt)
         self._gate.remember(self._time, after.belief)
         if (new := self._new(fix)).arrived and not begins:
@@ -196,7 +196,7 @@ class KalmanFilter:
     def _advance(self, senses: Any, dt: float) -> Any:
         """Return the estimate ``dt`` after the last one, s, by what the sensors say then."""
         estimate, before = self._estimate, self._senses
-        nothing = _SENSES(Odometry(before.odometry.pose, senses.odometry.twist, False), no_fix())
+        nothing = _SENSES(Odometry(before.odometry.pose, senses.odometry.twist, False), NO_FIX)
         n = max(1, round(dt / self._period))
         share = round(dt / n, 9)  # stamps are whole nanoseconds, so 0.3 s is exactly three times 0.1 s
         for _ in range(n - 1):
@@ -242,11 +242,11 @@ class KalmanFilter:
     def _new(self, fix: Stamped | None) -> Fix:
         """Return a fix with its age, if it is new, recent enough and credible."""
         if fix is None:
-            return no_fix()
+            return NO_FIX
         stamp = self._time - fix.age
         last, self._last_fix = self._last_fix, (fix.value, stamp)
         if last is not None and last[0] == fix.value and abs(last[1] - stamp) < 1e-6:
-            return no_fix()
+            return NO_FIX
         if fix.age < -self._period:
             why = f"stamped {-fix.age:.2f} s in the future: are the clocks synchronized (NTP)?"
         elif fix.age > MAX_FIX_AGE + 1e-6:
@@ -255,7 +255,7 @@ class KalmanFilter:
             why = self._gate.refusal(bounded(fix.value), stamp)
         if why:
             self._refuse("fixes", why)
-            return no_fix()
+            return NO_FIX
         self._accept("fixes")
         return bounded(fix.value)._replace(age=max(fix.age, 0.0))
 
