@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
-from turtlebot_gym.observations import History, observing, row_of
+from turtlebot_gym.observations.columns import History, observing, row_of
 from turtlebot_gym.rewards import rewarding
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.systems.parameters import Parameters

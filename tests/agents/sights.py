@@ -3,7 +3,7 @@
 import numpy as np
 
 from turtlebot_gym import ROBOTS
-from turtlebot_gym.observations import observe
+from turtlebot_gym.observations import goal_from, next_goal_from, twist_of
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.values import Pose, State
 
@@ -13,7 +13,8 @@ ANGLES = 2.0 * np.pi * np.arange(SECTORS) / SECTORS
 
 def seen(state, goal, robot, following=None):
     """Return an observation on open ground."""
-    return np.array(observe(state, (0.05, 0.1), 1.0, goal, following or goal, robot), np.float32)
+    past = next_goal_from(state, following or goal)
+    return np.array([*goal_from(state, goal), *twist_of(state, robot), 0.05, 0.1, 1.0, *past], np.float32)
 
 
 def sight(goal=(2.0, 0.0, 0.0), *, at=(0.0, 0.0, 0.0), shares=None, age=0.0, v=0.0, omega=0.0):

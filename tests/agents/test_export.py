@@ -5,7 +5,8 @@ import pytest
 import torch
 from stable_baselines3 import PPO
 
-from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, bounds_of
+from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM
+from turtlebot_gym.observations.columns import bounds_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training import network as module
 from turtlebot_gym_agents.training.config import TrainingConfig

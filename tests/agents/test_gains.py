@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from turtlebot_gym.observations import OPEN_GROUND, size_of
+from turtlebot_gym.observations import OPEN_GROUND
+from turtlebot_gym.observations.columns import size_of
 from turtlebot_gym_agents import ProportionalPolicy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies.named import make_policy

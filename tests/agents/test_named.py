@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import ROBOTS
-from turtlebot_gym.observations import ROOM, size_of
+from turtlebot_gym.observations import ROOM
+from turtlebot_gym.observations.columns import size_of
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import BearingPolicy, ProportionalPolicy

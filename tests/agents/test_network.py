@@ -5,7 +5,8 @@ import torch
 from torch import nn
 
 from turtlebot_gym import make_noise
-from turtlebot_gym.observations import OPEN_GROUND, ROOM, bounds_of
+from turtlebot_gym.observations import OPEN_GROUND, ROOM
+from turtlebot_gym.observations.columns import bounds_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.network import TOLERANCE

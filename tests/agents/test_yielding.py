@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.models.unicycle import limit
-from turtlebot_gym.observations import NEAREST, ROOM, TRACKS, size_of
+from turtlebot_gym.observations import NEAREST, ROOM, TRACKS
+from turtlebot_gym.observations.columns import size_of
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import Command
 from turtlebot_gym_agents.evaluation.evaluate import evaluate

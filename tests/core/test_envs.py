@@ -9,7 +9,8 @@ from gymnasium.wrappers import RecordVideo
 
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
-from turtlebot_gym.observations import OPEN_GROUND, bounds_of
+from turtlebot_gym.observations import OPEN_GROUND
+from turtlebot_gym.observations.columns import bounds_of
 from turtlebot_gym.presets import make_robot
 
 NAV, POSE, SQUARE = IDS = [f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square")]

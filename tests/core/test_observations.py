@@ -9,7 +9,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from turtlebot_gym import Episode, ObservationTerm
-from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, bounds_of, columns_of, size_of, slices_of
+from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM
+from turtlebot_gym.observations.columns import bounds_of, columns_of, size_of, slices_of
 from turtlebot_gym.systems import Options
 
 NAV, ROOMS, MISSIONS = (f"turtlebot_gym/TurtleBot{task}-v0" for task in ("Nav", "Rooms", "Missions"))
@@ -90,7 +91,7 @@ def test_an_environment_with_own_terms_passes_gymnasiums_checks_and_is_made_agai
         (NAV, "ekf,scan", "observation 'scan' needs a room: choose one with world="),
         (NAV, "ekf,own_terms:GAPS", "the sensor 'gaps' looks around, which needs a room"),
         (ROOMS, "evidence", "observation 'evidence' needs a localizer: choose one"),
-        (NAV, "ekf,odometry", "observation must name one pose, got 'ekf' and 'odometry'"),
+        (NAV, "ekf,odometry", "observation must be terms with one pose, got 'ekf,odometry'"),
         (NAV, "ekf,twsit", "a term of observation .* must be .* Did you mean 'twist'?"),
         (NAV, "ekf,goal", "observation has the term 'goal' twice"),
         (NAV, "ekf,json:dumps", "observation 'json:dumps' must be a turtlebot_gym.observations.ObservationTerm"),

@@ -9,7 +9,8 @@ import pytest
 from turtlebot_gym import ObservationTerm, RewardTerm
 from turtlebot_gym.files import load_object, source_of
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.observations import GOAL, read_items
+from turtlebot_gym.observations import GOAL
+from turtlebot_gym.observations.reading import read_items
 from turtlebot_gym.systems import Options
 
 ID = "turtlebot_gym/TurtleBotNav-v0"
@@ -55,7 +56,7 @@ def test_a_name_finds_the_object_again():
 
 def test_a_term_without_a_name_at_the_top_of_its_module_is_refused():
     term = ObservationTerm("hidden", kernel(lambda world, p: 0.0), -1.0, 1.0)
-    with pytest.raises(ValueError, match=r"the term 'hidden' must have a name at the top level of its module.*HIDDEN = Obs"):
+    with pytest.raises(ValueError, match=r"the term 'hidden' must be at the top level of its module"):
         Options(observation=("ekf", term)).setup()
 
 

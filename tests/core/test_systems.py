@@ -17,7 +17,8 @@ from turtlebot_gym.heart import Episode
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import normals
 from turtlebot_gym.models.unicycle import command_of
-from turtlebot_gym.observations import Observation, ObservationTerm, size_of
+from turtlebot_gym.observations import Observation, ObservationTerm
+from turtlebot_gym.observations.columns import size_of
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Options, Sensor, make_parameters, open_ground, system_of
 from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS, due

@@ -10,7 +10,8 @@ from scipy import stats
 from turtlebot_gym.heart import Episode, step
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.random import episode_key
-from turtlebot_gym.observations import OPEN_GROUND, bounds_of, observe
+from turtlebot_gym.observations import OPEN_GROUND, Observation, goal_from, next_goal_from, twist_of, uncertainty_of
+from turtlebot_gym.observations.columns import bounds_of
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Options, make_parameters
 from turtlebot_gym.tasks import (
@@ -32,7 +33,8 @@ KEYS = [episode_key(seed, 0) for seed in range(3000)]
 
 
 def seen(state, *, std=(0.1, 0.2), nis=3.0, reference=GOAL, following=NEXT):
-    return observe(state, std, nis, reference, following, BURGER)
+    goals = goal_from(state, reference), next_goal_from(state, following)
+    return Observation(*goals[0], *twist_of(state, BURGER), *uncertainty_of(std, nis), *goals[1])
 
 
 def test_observation_in_the_body_frame():

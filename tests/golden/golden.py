@@ -23,7 +23,7 @@ import numpy as np
 import turtlebot_gym  # noqa: F401  # registers the environments
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.heart import Episode
-from turtlebot_gym.observations import bounds_of
+from turtlebot_gym.observations.columns import bounds_of
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 

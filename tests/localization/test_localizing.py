@@ -11,7 +11,8 @@ from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.localization.tuning import LocalizerTuning
-from turtlebot_gym.observations import LOCATED_ROOM, ROOM, bounds_of
+from turtlebot_gym.observations import LOCATED_ROOM, ROOM
+from turtlebot_gym.observations.columns import bounds_of
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan

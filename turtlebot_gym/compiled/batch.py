@@ -18,7 +18,7 @@ from turtlebot_gym.compiled.threads import Threads
 from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.heart import begin_at
 from turtlebot_gym.kernel import HAS_LLVM
-from turtlebot_gym.observations import History, size_of
+from turtlebot_gym.observations.columns import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import arrays_of
 from turtlebot_gym.systems import Parameters, RoomParts, Snapshot, System, WithTerms, find_system

@@ -26,7 +26,7 @@ from turtlebot_gym.heart import step_of
 from turtlebot_gym.kernel import kernel, thread, threads
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
-from turtlebot_gym.observations import size_of
+from turtlebot_gym.observations.columns import size_of
 from turtlebot_gym.systems import Parameters, System
 from turtlebot_gym.values import Pose
 

@@ -20,7 +20,7 @@ from turtlebot_gym.heart import NOWHERE, step_of
 from turtlebot_gym.kernel import HAS_LLVM, compiled_scratch, kernel, lanes, prefer_wide
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
-from turtlebot_gym.observations import observing, runs_of
+from turtlebot_gym.observations.columns import observing, runs_of
 from turtlebot_gym.systems import Outcome, System
 
 _SUCCESS = Outcome._fields.index("is_success")

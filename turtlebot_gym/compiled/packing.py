@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.values import Array, Number
 from turtlebot_gym.heart import step, step_of
-from turtlebot_gym.observations import observing
+from turtlebot_gym.observations.columns import observing
 from turtlebot_gym.systems import System
 from turtlebot_gym.values import STOP, Pose
 

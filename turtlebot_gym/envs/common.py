@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int, refusal, short_repr
 from turtlebot_gym.estimation.filters import matrix
-from turtlebot_gym.observations import bounds_of
+from turtlebot_gym.observations.columns import bounds_of
 from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options, Outcome, Parameters, Setup, System

@@ -34,10 +34,9 @@ def columns_of(wanted: Sequence[ObservationTerm], terms: Sequence[ObservationTer
     columns: list[int] = []
     for term in wanted:
         other = there.get(term.name, term)
-        if (other.bounds, other.unit) != (term.bounds, term.unit):
+        differs = term.source and other.source and term.source != other.source
+        if differs or (other.bounds, other.unit) != (term.bounds, term.unit):
             raise ValueError(f"it reads {term.spelled!r} with other bounds or another unit than {other.spelled!r} has")
-        if term.source and other.source and term.source != other.source:
-            raise ValueError(f"it reads {term.spelled!r}, not {other.spelled!r} of the same name")
         is_shorter = other.length < term.length or (term.length > 1 and other.every != term.every)
         if term.name not in there or is_shorter:
             raise ValueError(
@@ -68,21 +67,17 @@ def observing(terms: tuple[ObservationTerm, ...]) -> Callable[..., PresentValues
 
 
 class ColumnRun(NamedTuple):
-    """Consecutive numbers of what `observing` returns, and where they stand in an observation."""
+    """Consecutive numbers of what `observing` returns, ``start`` to ``stop`` - 1, and the column of the first."""
 
     start: int
-    """The first of them ..."""
     stop: int
-    """... and the one after the last."""
     column: int
-    """Column of the first."""
 
 
 class SceneColumns(NamedTuple):
-    """An array in a scene, and where it stands in an observation."""
+    """An array in a scene, which ``of(scene)`` returns, and where it stands in an observation."""
 
     of: Callable[..., Any]
-    """``of(scene)`` returns it."""
     width: int
     column: int
 

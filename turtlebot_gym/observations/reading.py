@@ -11,7 +11,7 @@ from typing import Any
 from turtlebot_gym.config import choose, refusal
 from turtlebot_gym.files import load_object
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.observations.known import OBSERVED, TERMS
+from turtlebot_gym.observations import OBSERVED, TERMS
 from turtlebot_gym.observations.term import ObservationTerm
 
 _HISTORY = re.compile(r"(.+?)\*(\d+)(?:@(\d+))?")
@@ -27,24 +27,18 @@ def read_items(observation: Any) -> tuple[str, tuple[str, ...]]:
         ValueError: If it is something else, or names several poses.
     """
     given = observation.split(",") if isinstance(observation, str) else observation
-    given = (given,) if isinstance(given, ObservationTerm) else given
-    if isinstance(given, (list, tuple)):
-        given = [_spelled(item) for item in given]
-    if not isinstance(given, (list, tuple)) or not given or not all(isinstance(item, str) for item in given):
+    given = [given] if isinstance(given, ObservationTerm) else given
+    if not isinstance(given, (list, tuple)) or not given or not all(isinstance(item, (str, ObservationTerm)) for item in given):
         raise refusal("observation", "names of terms with commas, such as 'ekf,scan*2,MODULE:NAME'", observation)
-    items = tuple(item.strip() for item in given)
+    items = tuple(item.strip() if isinstance(item, str) else _spelled(item) for item in given)
     poses = [item for item in items if item in OBSERVED]
     if len(poses) > 1:
-        raise ValueError(f"observation must name one pose, got {' and '.join(map(repr, poses))}.")
+        raise refusal("observation", "terms with one pose", observation)
     return (poses or ["ekf"])[0], items
 
 
-def _spelled(item: Any) -> Any:
-    """Return the name of a term that is given as such; another value as it is."""
-    if not isinstance(item, ObservationTerm):
-        return item
-    known = TERMS.get(item.name)
-    return (item if known is not None and known == item.over(1) else item.sourced()).spelled
+def _spelled(term: ObservationTerm) -> str:
+    return (term if TERMS.get(term.name) == term.over(1) else term.sourced()).spelled
 
 
 def read_terms(items: Sequence[str], own: Sequence[ObservationTerm]) -> tuple[ObservationTerm, ...]:
@@ -58,18 +52,13 @@ def read_terms(items: Sequence[str], own: Sequence[ObservationTerm]) -> tuple[Ob
     Raises:
         ValueError: If there is no such term, or one is named twice.
     """
-    known = TERMS | {term.name: term for term in own}
     terms: dict[str, ObservationTerm] = {}
+    known = dict.fromkeys(OBSERVED) | TERMS | {term.name: term for term in own}
     for item in items:
         match = _HISTORY.fullmatch(item)
         name, length, every = match.groups() if match else (item, None, None)
-        if name in OBSERVED and not match:
-            found = own
-        elif ":" in name:
-            found = (own_term(name),)
-        else:
-            found = (choose("a term of observation (MODULE:NAME for your own)", name, known),)
-        for term in found:
+        found = own_term(name) if ":" in name else choose("a term of observation (MODULE:NAME for your own)", name, known)
+        for term in [found] if found else own:
             if (before := terms.get(term.name)) and not (match and before == term):
                 raise ValueError(f"observation has the term {term.name!r} twice: leave out one of them.")
             terms[term.name] = term.over(int(length or 1), every=int(every or 1)) if match else term
@@ -79,10 +68,7 @@ def read_terms(items: Sequence[str], own: Sequence[ObservationTerm]) -> tuple[Ob
 
 
 def own_term(source: str) -> ObservationTerm:
-    """Return a term of one's own.
-
-    Args:
-        source: "MODULE:NAME".
+    """Return a term of one's own, "MODULE:NAME".
 
     Raises:
         ValueError: If there is none, or it has the name of one of the package's.

@@ -14,8 +14,6 @@ from turtlebot_gym.files import source_of
 
 MOST = 100
 """Most numbers of a term, most values of it, and most steps from one to the next."""
-
-
 SOURCE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", re.ASCII)
 """What the source of a term is: "module:name"."""
 
@@ -60,23 +58,23 @@ class ObservationTerm:
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name.isidentifier()):
             raise refusal("ObservationTerm.name", "a name, such as 'bumper'", self.name)
+        term = f"ObservationTerm {self.name!r}"
         try:
             low, high = (np.atleast_1d(np.asarray(bound, np.float64)) for bound in (self.low, self.high))
         except (TypeError, ValueError):
             low = high = np.empty(0)
         is_valid = low.ndim == 1 and low.shape == high.shape and 1 <= low.size <= MOST
         if not is_valid or not (np.isfinite([low, high]).all() and (low < high).all()):
-            rule = f"up to {MOST} finite numbers, each below that of high"
-            raise refusal(f"ObservationTerm {self.name!r}: low", rule, (self.low, self.high))
+            raise refusal(f"{term}: low", f"up to {MOST} finite numbers, each below that of high", (self.low, self.high))
         if bool(self.topic) != bool(self.message and self.convert):
-            raise ValueError(f"ObservationTerm {self.name!r}: topic, message and convert belong together.")
-        POSITIVE.check(f"ObservationTerm {self.name!r}: lasts", self.lasts)
+            raise ValueError(f"{term}: topic, message and convert belong together.")
+        POSITIVE.check(f"{term}: lasts", self.lasts)
         for name in ("length", "every"):
-            as_int(f"ObservationTerm {self.name!r}: {name}", getattr(self, name), 1, MOST)
+            as_int(f"{term}: {name}", getattr(self, name), 1, MOST)
+        if self.source and not SOURCE.fullmatch(self.source):
+            raise refusal(f"{term}: source", "MODULE:NAME", self.source)
         object.__setattr__(self, "low", tuple(low.tolist()))
         object.__setattr__(self, "high", tuple(high.tolist()))
-        if self.source and not SOURCE.fullmatch(self.source):
-            raise refusal(f"the source of the term {self.name!r}", "MODULE:NAME", self.source)
 
     @property
     def bounds(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -132,8 +130,5 @@ class ObservationTerm:
         """
         source = self.source or source_of(self.over(1), self.of.__module__, "__main__")
         if not source:
-            raise ValueError(
-                f"the term {self.name!r} must have a name at the top level of its module, or of a notebook, so that a bundle "
-                f"can name it: assign it there, such as {self.name.upper()} = ObservationTerm({self.name!r}, ...)."
-            )
+            raise refusal(f"the term {self.name!r}", "at the top level of its module, by a name that a bundle states", self.of)
         return replace(self, source=source)

@@ -12,7 +12,8 @@ from turtlebot_gym.estimation.fixes import late_by
 from turtlebot_gym.files import load_object
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.observations import OBSERVED, ObservationTerm, read_items
+from turtlebot_gym.observations import OBSERVED, ObservationTerm
+from turtlebot_gym.observations.reading import read_items
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise
 from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot
 from turtlebot_gym.rewards import IN_ROOMS, ON_GROUND, ON_MISSIONS, RewardTerm, default_weights

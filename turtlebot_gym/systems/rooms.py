@@ -18,7 +18,8 @@ from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.files import load_object
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
-from turtlebot_gym.observations import LOCATED_ROOM, ROOM, TRACKS, Observed, read_terms
+from turtlebot_gym.observations import LOCATED_ROOM, ROOM, TRACKS, Observed
+from turtlebot_gym.observations.reading import read_terms
 from turtlebot_gym.rewards import IN_ROOMS, RewardTerm, default_weights
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
@@ -167,7 +168,7 @@ class WithTerms:
     rewards: tuple[RewardTerm, ...] = ()
     """Terms of the reward beside the system's."""
     observation: tuple[str, ...] = ()
-    """Names of the terms of the observation, see `turtlebot_gym.observations.read_terms`; empty for the system's."""
+    """Names of the terms of the observation, see `turtlebot_gym.observations.reading.read_terms`; empty for the system's."""
 
 
 def find_system(system: System | str | Callable[[Parameters], System] | WithTerms | None, parameters: Parameters) -> System:

@@ -21,14 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym import Options, Parameters, Robot
 from turtlebot_gym.config import choose, short_repr
 from turtlebot_gym.files import replacing
-from turtlebot_gym.observations import (
-    OBSERVED,
-    OPEN_GROUND,
-    TERMS,
-    ObservationTerm,
-    read_items,
-    size_of,
-)
+from turtlebot_gym.observations import OBSERVED, OPEN_GROUND, TERMS, ObservationTerm
+from turtlebot_gym.observations.columns import size_of
+from turtlebot_gym.observations.reading import read_items
 from turtlebot_gym.systems import WithTerms, find_system
 from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym_agents.policies.fit import describe_robot, require_fit

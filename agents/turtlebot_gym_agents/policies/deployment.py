@@ -24,16 +24,14 @@ from turtlebot_gym.observations import (
     SCAN_AGE,
     TERMS,
     TRACKS,
-    History,
     evidence_of,
     goal_from,
     next_goal_from,
-    row_of,
-    size_of,
     stated_deviations,
     twist_of,
     uncertainty_of,
 )
+from turtlebot_gym.observations.columns import History, row_of, size_of
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.robots import Robot

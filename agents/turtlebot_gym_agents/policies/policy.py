@@ -12,7 +12,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, SCAN, ObservationTerm, columns_of, read_terms, size_of
+from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, SCAN, ObservationTerm
+from turtlebot_gym.observations.columns import columns_of, size_of
+from turtlebot_gym.observations.reading import read_terms
 
 
 class Policy(Protocol):

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE, check_fields
 from turtlebot_gym.models.unicycle import execution_variances
-from turtlebot_gym.observations import ROOM, columns_of
+from turtlebot_gym.observations import ROOM
+from turtlebot_gym.observations.columns import columns_of
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.robots import Robot

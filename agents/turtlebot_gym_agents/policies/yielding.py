@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.config import POSITIVE, Range, check_fields
 from turtlebot_gym.models.unicycle import limit
-from turtlebot_gym.observations import NEAREST, ROOM, TRACKS, TWIST, ObservationTerm, columns_of
+from turtlebot_gym.observations import NEAREST, ROOM, TRACKS, TWIST, ObservationTerm
+from turtlebot_gym.observations.columns import columns_of
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot

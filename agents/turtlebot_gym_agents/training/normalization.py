@@ -18,7 +18,8 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from turtlebot_gym.observations import SCAN, ObservationTerm, slices_of
+from turtlebot_gym.observations import SCAN, ObservationTerm
+from turtlebot_gym.observations.columns import slices_of
 from turtlebot_gym_agents.policies import Policy
 
 CLIP = 10.0

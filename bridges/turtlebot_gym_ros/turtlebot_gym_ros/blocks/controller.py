@@ -12,7 +12,8 @@ from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.mounts import SAME_WAY
-from turtlebot_gym.observations import TRACKS, ObservationTerm, own_term
+from turtlebot_gym.observations import TRACKS, ObservationTerm
+from turtlebot_gym.observations.reading import own_term
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
