@@ -5,7 +5,6 @@ import numpy as np
 
 from turtlebot_gym import Noise
 from turtlebot_gym.drive import Drive
-from turtlebot_gym_lab.evaluation.estimation import SQUARE
 
 HOLD = 15
 """Steps for which a command is held."""
@@ -26,7 +25,7 @@ def simulated_log(
     """
     random = np.random.default_rng(seed)
     options = {"robot": robot, "dt": dt, "integrator": integrator, "switch": "time", "max_episode_steps": steps + 1}
-    env = gym.make(SQUARE, noise=noise, **options).unwrapped
+    env = gym.make("turtlebot_gym/TurtleBotSquare-v0", noise=noise, **options).unwrapped
     infos = [env.reset(seed=seed)[1]]
     action = np.zeros(2, np.float32)
     for step in range(steps):
