@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import NamedTuple
 
 
 class OutputFile(NamedTuple):
-    """Kind of file that a command writes; in the ``Annotated`` type of a field that names one."""
+    """Kind of file that a command writes."""
 
     endings: tuple[str, ...] = ()
     """Allowed suffixes; empty for any."""
@@ -50,15 +50,3 @@ def require_outputs(
             raise ValueError(f"{option} {path}: it is an input of the same command; choose another name.")
         if not force and path.exists() and path.stat().st_size > 0:
             raise ValueError(f"{option} {path}: it exists; choose another name, or overwrite it with --force (force=True).")
-
-
-def outputs_of(command: Any) -> Iterator[tuple[str, Path | None, OutputFile]]:
-    """Yield option, path and kind of each output of a command that is a dataclass.
-
-    Its method ``paths(name)``, if it has one, returns the paths that an option stands for.
-    """
-    for name, hint in get_type_hints(type(command), include_extras=True).items():
-        for kind in getattr(hint, "__metadata__", ()):
-            if isinstance(kind, OutputFile) and (value := getattr(command, name)) is not None:
-                paths = command.paths(name) if hasattr(command, "paths") else (value,)
-                yield from ((f"--{name.replace('_', '-')}", path, kind) for path in paths)

@@ -7,7 +7,7 @@ import math
 import platform
 import subprocess
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -50,19 +50,6 @@ def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, An
 def replace_json(path: Path, content: Any) -> None:
     """Write a value of JSON types; the file is replaced atomically."""
     write_text(path, json.dumps(content, indent=1) + "\n")
-
-
-def settings_of(config: Any) -> dict[str, Any]:
-    """Return the fields of a benchmark's configuration except its paths, which do not affect results.
-
-    Args:
-        config: A dataclass whose annotations are text, as with ``from __future__ import annotations``.
-    """
-    return {
-        field.name: getattr(config, field.name)
-        for field in fields(config)
-        if field.name != "force" and not any(kind in str(field.type) for kind in ("Path", "File"))
-    }
 
 
 def plain(value: Any) -> Any:

@@ -25,6 +25,8 @@ MOST_BEAMS = 1_200_000
 STEP = 0.005
 """A circle that has moved so far since it last turned is a person who walks, m."""
 
+MOST_RUNS = 6
+"""Most drives in a view: the number of colours that can be told apart."""
 Table = dict[str, Any]
 
 
@@ -165,3 +167,15 @@ def _millimetres(ranges: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Return ranges as whole millimetres; `NOTHING` for beams without a return, or beyond 65 m."""
     rounded = np.round(MILLIMETRES * np.where(np.isfinite(ranges), ranges, 0.0))
     return np.where(rounded < 2**16, rounded, NOTHING).astype(np.uint16)
+
+
+def require_number(number: int, *, side_by_side: bool = False) -> None:
+    """Refuse a number of drives that one view cannot show.
+
+    Raises:
+        ValueError: If there is none, there are more than `MOST_RUNS`, or one is to stand beside others.
+    """
+    if not 0 < number <= MOST_RUNS:
+        raise ValueError(f"a view shows 1 to {MOST_RUNS} drives, got {number}.")
+    if side_by_side and number == 1:
+        raise ValueError("--side-by-side needs two drives or more: add a policy or a recording, or leave it out.")

@@ -20,7 +20,7 @@ from jinja2 import Template
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.plotting import ESTIMATE_WITHIN
 from turtlebot_gym_view import style
-from turtlebot_gym_view.columns import kept_of, tables_of
+from turtlebot_gym_view.columns import kept_of, require_number, tables_of
 from turtlebot_gym_view.events import told_outcome
 from turtlebot_gym_view.maps import Map, in_same_room, make_map
 from turtlebot_gym_view.moving import PERSON, Moment, draw_drive, make_moment
@@ -29,8 +29,6 @@ from turtlebot_gym_view.style import Theme
 
 SCRIPTS = ("moment.js", "player.js")
 """What runs in the browser, in this order."""
-MOST_RUNS = 6
-"""Most drives in a view: the number of colours that can be told apart."""
 WORDS = (
     ("estimate off by", "error", 3, " m"),
     ("odometry off by", "odometry_error", 3, " m"),
@@ -48,16 +46,6 @@ class _Run(NamedTuple):
     sources: dict[str, ColumnDataSource]
     """Its tables by name."""
     moment: Moment
-
-
-def require_number(number: int) -> None:
-    """Refuse a number of drives that one view cannot show.
-
-    Raises:
-        ValueError: If there is none, or there are more than `MOST_RUNS`.
-    """
-    if not 0 < number <= MOST_RUNS:
-        raise ValueError(f"a view shows 1 to {MOST_RUNS} drives, got {number}.")
 
 
 def fill(document: Document, drives: Sequence[Drive], *, title: str, side_by_side: bool = False) -> None:

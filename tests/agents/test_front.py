@@ -3,9 +3,7 @@
 import csv
 import json
 import re
-from importlib.metadata import EntryPoint
-from pathlib import Path
-from unittest.mock import patch
+import sys
 
 import gymnasium as gym
 import matplotlib
@@ -18,12 +16,12 @@ from matplotlib.figure import Figure
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 import turtlebot_gym_agents as front
-from turtlebot_gym import entry_points
 from turtlebot_gym.drive import position_error
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym_agents import compare, drive, evaluate, export, make_policy, replay, train, watch
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.result import title_of
+from turtlebot_gym_agents.front import satellites
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.training.config import TrainingConfig
 
@@ -208,45 +206,21 @@ def test_a_model_of_another_library_becomes_a_bundle(tmp_path):
 
 
 @pytest.mark.parametrize(("function", "extra"), [(watch, "view"), (replay, "lab")])
-def test_a_satellite_that_is_missing_is_named_with_its_extra(function, extra):
-    with (
-        patch.object(entry_points, "_installed", lambda group: entry_points.EntryPoints()),
-        pytest.raises(ImportError, match=rf"^{function.__name__} needs the extra \[{extra}\]: pip install [^\n]*$"),
-    ):
+def test_a_satellite_that_is_missing_is_named_with_its_extra(function, extra, monkeypatch):
+    monkeypatch.setitem(sys.modules, satellites.SATELLITES[function.__name__][0], None)
+    with pytest.raises(ImportError, match=rf"^{function.__name__} needs the extra \[{extra}\]: pip install [^\n]*$"):
         function("bearing")
 
 
-class Shown:
-    """A viewer's command, as an entry point brings one; it is its own page."""
-
-    def __init__(self, options=None, **given):
-        self.options = {**given, **(options or {})}
-        self.shown = self.file = None
-
-    def page(self):
-        self.shown = self.options["policy"]
-        return self
-
-    def page_of(self, drives, *, title):
-        self.shown = list(drives), title
-        return self
-
-    def save(self, path):
-        self.file = path
-
-
 def test_watch_hands_policies_or_drives_to_the_viewer(in_a_room, monkeypatch):
-    points = entry_points.EntryPoints([EntryPoint("watch", "test_front:Shown", "turtlebot_gym.commands")])
-    monkeypatch.setattr(entry_points, "_installed", lambda group: points)
-    monkeypatch.setattr(EntryPoint, "load", lambda self: Shown)
-    page = watch("bearing", "ppo-nav", seed=3)
-    assert page.shown == ("bearing", "ppo-nav")
-    assert page.options["seed"] == 3
-    assert page.file is None
-    assert watch().shown == ("bearing",)
-    page = watch(in_a_room, html="view.html")
-    assert page.shown == ([in_a_room.record], "vfh")
-    assert page.file == Path("view.html")
+    viewer = {
+        "episodes": lambda policies, **options: (policies, options),
+        "page_of": lambda drives, **options: (drives, options),
+    }
+    monkeypatch.setattr(satellites, "satellite", lambda name, attribute: viewer[attribute])
+    assert watch("bearing", "ppo-nav", seed=3) == (("bearing", "ppo-nav"), {"env": "nav", "seed": 3})
+    assert watch()[0] == ("bearing",)
+    assert watch(in_a_room) == ([in_a_room.record], {"title": "vfh"})
     with pytest.raises(ValueError, match="watch shows policies or drives, got both"):
         watch("bearing", in_a_room)
     with pytest.raises(ValueError, match=r"noise would change nothing in drives that have ended: give it to drive\(\)"):

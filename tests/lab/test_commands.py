@@ -1,19 +1,12 @@
-"""The lab's commands: installed as entry points; what they print, and what they refuse in one line."""
+"""The lab's commands: what they print, and what they refuse in one line."""
 
 import json
 from pathlib import Path
 
 import pytest
 
-from turtlebot_gym_agents.commands.cli import commands, main
-from turtlebot_gym_agents.outputs import outputs_of
-from turtlebot_gym_lab.commands.filters import Replay
-
-NAMES = {"calibrate", "replay"}
-
-
-def test_the_commands_are_installed_as_entry_points():
-    assert set(commands()) >= NAMES, "install the checkout anew: its entry points have changed"
+from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_lab.commands.replay import pictures_of
 
 
 def test_replay_prints_the_errors_of_each_file(tmp_path, drive, capsys):
@@ -84,8 +77,8 @@ def test_several_drives_have_a_picture_each(capsys, tmp_path, monkeypatch):
     (tmp_path / "more").mkdir()
     (tmp_path / "drive.csv").write_text("x")
     (tmp_path / "more" / "drive.csv").write_text("x")
-    files = (Path("drive.csv"), Path("more/drive.csv"), Path("other.csv"), Path("drive.csv"))
-    names = [path.name for _, path, _ in outputs_of(Replay(files=files, plot=Path("a.png")))]
+    files = (Path("drive.csv"), Path("more/drive.csv"), Path("other.csv"))
+    names = [path.name for path in pictures_of(Path("a.png"), files)]
     assert names == ["a-drive-0.png", "a-drive-1.png", "a-other.png"]
     (tmp_path / "a-other.png").write_text("dear")
     assert main(["replay", *map(str, files), "--plot", "a.png"]) == 2

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_lab.commands.filters import Replay
+from turtlebot_gym_agents.front.satellites import replay
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def recordings(tmp_path):
 def test_a_result_has_the_numbers_of_the_command(recordings, tmp_path, capsys):
     assert main(["replay", *map(str, recordings), "--seeds", "2", "--json", str(tmp_path / "command.json")]) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    result = Replay(files=recordings, seeds=2).result()
+    result = replay(*recordings, seeds=2)
     assert result.verdict().splitlines()[0] in printed
     result.to_json(tmp_path / "result.json")
     files = [json.loads((tmp_path / f"{name}.json").read_text()) for name in ("command", "result")]
@@ -33,7 +33,7 @@ def test_a_result_has_the_numbers_of_the_command(recordings, tmp_path, capsys):
 
 
 def test_a_result_prints_plots_and_is_written(recordings, tmp_path):
-    result = Replay(files=recordings, seeds=1).result()
+    result = replay(*recordings, seeds=1)
     assert "first.csv" in str(result)
     assert "measured poses generated from the truth, noise documented." in str(result)
     result.to_csv(tmp_path / "result.csv")

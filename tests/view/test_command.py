@@ -1,12 +1,9 @@
-"""``watch``: installed as an entry point, and what it refuses in one line."""
+"""``watch``: what it refuses in one line."""
 
 import pytest
 
-from turtlebot_gym_agents.commands.cli import commands, main
-
-
-def test_the_command_is_installed_as_an_entry_point():
-    assert "watch" in commands(), "install the checkout anew: its entry points have changed"
+from turtlebot_gym_agents import watch
+from turtlebot_gym_agents.commands.cli import main
 
 
 @pytest.mark.parametrize("option", ["--policy", "--env", "--drive", "--noise"])
@@ -38,7 +35,7 @@ def test_an_invalid_seed_is_refused_by_name(seed, capsys, tmp_path, monkeypatch)
 )
 def test_what_cannot_be_shown_is_refused_before_anything_is_driven(options, cause, capsys, tmp_path, monkeypatch):
     pytest.importorskip("bokeh")
-    monkeypatch.setattr("turtlebot_gym_view.record_episode", lambda *_, **__: pytest.fail("driven"), raising=False)
+    monkeypatch.setattr("turtlebot_gym_agents.evaluation.recording.record_episode", lambda *_, **__: pytest.fail("driven"))
     assert main(["watch", *options, "--html", str(tmp_path / "a.html")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"turtlebot-gym: {cause}")
@@ -46,8 +43,6 @@ def test_what_cannot_be_shown_is_refused_before_anything_is_driven(options, caus
 
 def test_the_page_of_policies_is_an_object_for_notebooks():
     pytest.importorskip("bokeh")
-    from turtlebot_gym_view.command import Watch
-
-    page = Watch(policy=("bearing", "proportional"), seed=3).page()
+    page = watch("bearing", "proportional", seed=3)
     assert [drive.around.label for drive in page.drives] == ["bearing", "proportional"]
     assert page._repr_html_().startswith("<iframe ")

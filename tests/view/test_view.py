@@ -172,7 +172,7 @@ def test_the_command_writes_a_file(tmp_path, capsys):
     assert main(["watch", "--policy", "bearing", "proportional", "--seed", "3", "--html", str(path)]) == 0
     assert f"{path.stat().st_size:,} bytes" in capsys.readouterr().out
     page = path.read_text(encoding="utf-8")
-    assert "TurtleBotNav-v0, seed 3, noise tutorial" in page
+    assert "TurtleBotNav-v0, seed 3" in page
     assert page.count("success after") == page.count("time is up after") == 1  # one steers to the bearing, the other does not
 
 

@@ -1,8 +1,7 @@
 """The command line, ``turtlebot-gym``: the functions of this package, each of whose arguments is a flag.
 
-To add a command, write a function with types and a docstring, and name it in `COMMANDS`, or in another package as an entry
-point of the group ``turtlebot_gym.commands``; a dataclass with a method ``run`` will do, too. What a function returns is
-printed; progress and errors go to standard error.
+To add a command, write a function with types and a docstring, and name it in `COMMANDS`, or in `satellites`. What a function
+returns is printed; progress and errors go to standard error.
 """
 
 from __future__ import annotations
@@ -10,20 +9,18 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import tyro
 
-from turtlebot_gym.entry_points import loadable
 from turtlebot_gym_agents.commands.programs import study
 from turtlebot_gym_agents.front.comparing import compare
 from turtlebot_gym_agents.front.learning import train
-from turtlebot_gym_agents.outputs import outputs_of, require_outputs
+from turtlebot_gym_agents.front.satellites import SATELLITES, satellite
 from turtlebot_gym_agents.training.export import export
 
-GROUP = "turtlebot_gym.commands"
-"""Group of the entry points that name further commands."""
 COMMANDS: dict[str, Callable[..., Any]] = {
     "evaluate": compare,
     "train": train,
@@ -34,8 +31,12 @@ COMMANDS: dict[str, Callable[..., Any]] = {
 
 
 def commands() -> dict[str, Callable[..., Any]]:
-    """Return all commands by name; an entry point that cannot be loaded is left out."""
-    return COMMANDS | loadable(GROUP)
+    """Return all commands by name; those of a satellite that is not installed are left out."""
+    found = dict(COMMANDS)
+    for name in SATELLITES:
+        with suppress(ImportError):
+            found[name] = satellite(name)
+    return found
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -53,12 +54,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         warnings.showwarning = _as_text(warnings.showwarning)
         try:
             made = tyro.extras.subcommand_cli_from_dict(commands(), prog="turtlebot-gym", args=argv)
-            if hasattr(made, "run"):
-                outputs = list(outputs_of(made))
-                options = {option for option, *_ in outputs}
-                inputs = [value for name, value in vars(made).items() if f"--{name.replace('_', '-')}" not in options]
-                require_outputs(outputs, inputs=inputs, force=getattr(made, "force", False))
-                made = made.run()
             if made is not None:
                 print(made)
         except BrokenPipeError:

@@ -1,16 +1,35 @@
-"""What satellites bring: ``watch`` and ``replay``, found as their commands are."""
+"""What satellites bring: their commands, and ``watch`` and ``replay`` in Python; each is imported when it is used."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from turtlebot_gym.drive import Drive
-from turtlebot_gym.entry_points import load_entry_point
 from turtlebot_gym_agents.evaluation.evaluate import policy_of
 from turtlebot_gym_agents.front.driving import DriveResult
 
-GROUP = "turtlebot_gym.commands"
+SATELLITES = {
+    "calibrate": ("turtlebot_gym_lab.commands.calibrate", "lab"),
+    "replay": ("turtlebot_gym_lab.commands.replay", "lab"),
+    "watch": ("turtlebot_gym_view.command", "view"),
+}
+"""Module and extra of each command."""
+
+
+def satellite(name: str, attribute: str = "") -> Callable[..., Any]:
+    """Return a command of a satellite, or another function beside it.
+
+    Raises:
+        ImportError: If the satellite is not installed; the message names the extra.
+    """
+    module, extra = SATELLITES[name]
+    try:
+        return getattr(import_module(module), attribute or name)
+    except ImportError as error:
+        raise ImportError(f"{name} needs the extra [{extra}]: pip install 'turtlebot-gym[{extra}]' ({error}).") from error
 
 
 def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
@@ -28,18 +47,16 @@ def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
         ImportError: If the viewer is not installed; the message names the extra.
         ValueError: If an argument is unknown or out of its range, or policies and drives are mixed.
     """
-    command = load_entry_point(GROUP, "watch", extra="view")
     drives = [each.record if isinstance(each, DriveResult) else each for each in what if isinstance(each, (Drive, DriveResult))]
     if drives and len(drives) < len(what):
         raise ValueError("watch shows policies or drives, got both: drive the policies, and watch what drive() returns.")
     if unread := set(options) - {"side_by_side"} if drives else ():
         raise ValueError(f"{', '.join(sorted(unread))} would change nothing in drives that have ended: give it to drive().")
     if drives:
-        page = command(**options).page_of(drives, title=", ".join(each.around.label for each in drives))
+        page = satellite("watch", "page_of")(drives, title=", ".join(each.around.label for each in drives), **options)
     else:
         policies = tuple(each if isinstance(each, str) else policy_of(each) for each in what) or ("bearing",)
-        own = {name: options.pop(name) for name in ("env", "seed", "side_by_side", "allow_mismatch") if name in options}
-        page = command(policy=policies, options=options, **own).page()
+        page = satellite("watch", "episodes")(policies, **{"env": "nav", "seed": 0, **options})
     if html is not None:
         page.save(Path(html))
     return page
@@ -59,4 +76,4 @@ def replay(*files: str | Path, **options: Any) -> Any:
         ImportError: If the lab is not installed; the message names the extra.
         ValueError: If a recording cannot be read, or an argument is unknown or out of its range.
     """
-    return load_entry_point(GROUP, "replay", extra="lab")(files=tuple(map(Path, files)), **options).result()
+    return satellite("replay")(*map(Path, files), **options)

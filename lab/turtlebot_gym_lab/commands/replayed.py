@@ -1,4 +1,4 @@
-"""The result of replaying recordings: errors and NEES of each."""
+"""The result of ``replay``: errors and NEES of a filter on recordings."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rich.table import Table
 from turtlebot_gym.drive import Drive
 from turtlebot_gym_agents.commands.report import ERRORS, error_cells
 from turtlebot_gym_agents.figures import plot_drive
-from turtlebot_gym_agents.front.results import Result, axes_or_new, with_legend
+from turtlebot_gym_agents.front.results import Result, axes_or_new, name_of, with_legend
+from turtlebot_gym_lab.commands.replay import GENERATED
 from turtlebot_gym_lab.evaluation.replay import Replayed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-GENERATED = "generated"
-"""Where measured poses come from if they are not recorded."""
+CAPTION = "NEES of the pose, mean: 3 if the filter's covariance is right, more if it is too sure of itself"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -40,8 +40,6 @@ class ReplayResult(Result):
     """Where the measured poses of each come from: a topic, "recorded" or "generated"."""
     title: str
     """Title of the table."""
-    noise: str
-    """Noise of generated poses."""
     config: Mapping[str, Any]
     """What the result depends on."""
 
@@ -68,15 +66,22 @@ class ReplayResult(Result):
         return {"recording": [*self.labels.values()], **self.arrays}
 
     def tables(self) -> tuple[Table, ...]:
-        """Return the table of `turtlebot-gym replay`."""
-        labels = self.labels
-        return (replay_table({labels[path]: result for path, result in self.results.items()}, title=self.title),)
+        """Return the errors of each recording, and the drift of its wheels."""
+        columns = "", "", *ERRORS, "drift, m per metre", "drift, rad per metre", "NEES"
+        table = Table(*columns, title=self.title, caption=CAPTION)
+        for path, found in self.results.items():
+            drift = f"{found.drift:.3f}", f"{found.drift_heading:.3f}"
+            table.add_section()
+            table.add_row(self.labels[path], "measured pose", *error_cells(found.raw))
+            table.add_row("", "wheels alone", *error_cells(found.wheels), *drift)
+            table.add_row("", "filter", *error_cells(found.filter), "", "", f"{np.mean(found.nees):.2f}")
+        return (table,)
 
     def verdict(self) -> str:
         """Return where the measured poses of each recording come from."""
         sentences = []
         for path, sensor in self.sensors.items():
-            how = f"generated from the truth, noise {self.noise}" if sensor == GENERATED else "recorded"
+            how = f"generated from the truth, noise {name_of(self.config['noise'])}" if sensor == GENERATED else "recorded"
             sentences.append(f"{self.labels[path]}: measured poses {how}{f' on {sensor}' if sensor.startswith('/') else ''}.")
         return "\n".join(sentences)
 
@@ -88,30 +93,3 @@ class ReplayResult(Result):
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the first recording with the filter's estimate, seen from above."""
         return with_legend(plot_drive(axes_or_new(axes), next(iter(self.results.values())).trajectory))
-
-
-def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
-    """Return the errors of replayed drives, and their drift.
-
-    Args:
-        results: Name and result of each.
-        title: Title of the figure or table.
-    """
-    table = Table(
-        "",
-        "",
-        *ERRORS,
-        "drift, m per metre",
-        "drift, rad per metre",
-        "NEES",
-        title=title,
-        caption="NEES of the pose, mean: 3 if the filter's covariance is right, more if it is too sure of itself",
-    )
-    for name, replayed in results.items():
-        table.add_section()
-        table.add_row(name, "measured pose", *error_cells(replayed.raw))
-        table.add_row(
-            "", "wheels alone", *error_cells(replayed.wheels), f"{replayed.drift:.3f}", f"{replayed.drift_heading:.3f}"
-        )
-        table.add_row("", "filter", *error_cells(replayed.filter), "", "", f"{np.mean(replayed.nees):.2f}")
-    return table
