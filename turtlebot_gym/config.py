@@ -108,12 +108,12 @@ class Numbers:
     def check(self, name: str, value: Any) -> tuple[float, ...]:
         """Return a list, a tuple or an array as a tuple of floats."""
         rows = value.tolist() if hasattr(value, "tolist") else value
-        if self.diagonal and _is_row(rows) and rows and all(_is_row(row) and len(row) == len(rows) for row in rows):
+        if not isinstance(rows, (list, tuple)) or self.size not in (None, len(rows)):
+            raise refusal(name, self, value)
+        if self.diagonal and all(isinstance(row, (list, tuple)) and len(row) == len(rows) for row in rows):
             if any(item != 0.0 for i, row in enumerate(rows) for j, item in enumerate(row) if i != j):
                 raise refusal(name, self, value)
             rows = [row[at] for at, row in enumerate(rows)]
-        if not _is_row(rows) or self.size not in (None, len(rows)):
-            raise refusal(name, self, value)
         check = self.each.check if self.each else as_number
         return tuple(check(f"{name}[{at}]", item) for at, item in enumerate(rows))
 
@@ -129,7 +129,7 @@ class Names:
     names: tuple[str, ...]
 
     def check(self, name: str, value: Any) -> str:
-        return choose(name, value, {known: known for known in self.names})
+        return choose(name, value, dict(zip(self.names, self.names, strict=True)))
 
     def __str__(self) -> str:
         return f"one of {', '.join(map(repr, self.names))}"
@@ -138,10 +138,6 @@ class Names:
 def variances(size: int) -> Numbers:
     """Return the rule of a covariance that is given as its diagonal or as a diagonal matrix."""
     return Numbers(NON_NEGATIVE, size, diagonal=True)
-
-
-def _is_row(value: Any) -> bool:
-    return isinstance(value, (list, tuple))
 
 
 def _item(value: Any) -> Any:
@@ -189,8 +185,7 @@ def did_you_mean(name: Any, known: Iterable[Any]) -> str:
 def check_fields(owner: Any, prefix: str | None = None) -> None:
     """Check the fields of a parameter class, and give each the type that it is declared with, where that loses nothing.
 
-    NumPy's numbers become Python's, sequences and arrays become tuples, and mappings become the parameter class that is asked
-    for. ``prefix`` precedes a field's name in messages: the class and a dot if None.
+    ``prefix`` precedes a field's name in messages: the class and a dot if None.
     """
     kind = type(owner)
     for name, check in _checks(kind):
@@ -244,11 +239,7 @@ def _require_known(name: str, kind: type, keys: Iterable[Any], known: Iterable[s
 
 
 def given(kind: type[T], value: Any, known: Mapping[str, T], name: str) -> T:
-    """Return parameters that are given as such, by a name in ``known``, as a mapping of fields, by a file, or as a variant.
-
-    Raises:
-        ValueError: If there is no such name or file, or a field is unknown, missing or breaks its rule.
-    """
+    """Return parameters that are given as such, by a name in ``known``, as a mapping of fields, by a file, or as a variant."""
     base, changes = split(value)
     if base is not value:
         return vary(given(kind, base, known, name), changes, name)

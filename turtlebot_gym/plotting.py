@@ -50,13 +50,10 @@ PATHS = [(color, _STYLES[(at + turn) % 6]) for turn in range(6) for at, color in
 _POSE, _TWIST = ("x (m)", "y (m)", "heading (rad)"), ("speed (m/s)", "turning rate (rad/s)")
 
 
-def ellipse(mean: ArrayLike, covariance: ArrayLike, *, sigmas: float = SIGMAS, points: int = 49) -> NDArray[np.float64]:
-    """Return the closed outline, shape (points, 2), of the ellipse ``sigmas`` standard deviations around a position, m.
-
-    The mean and the covariance begin with x and y; further components are ignored.
-    """
+def ellipse(mean: ArrayLike, covariance: ArrayLike, *, sigmas: float = SIGMAS) -> NDArray[np.float64]:
+    """Return the closed outline, shape (49, 2), m, some standard deviations around a mean that begins with x and y."""
     variances, directions = np.linalg.eigh(np.asarray(covariance, dtype=np.float64)[:2, :2])
-    angle = np.linspace(0.0, 2.0 * np.pi, points)
+    angle = np.linspace(0.0, 2.0 * np.pi, 49)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return np.asarray(mean)[:2] + sigmas * circle * np.sqrt(np.maximum(variances, 0.0)) @ directions.T
 
@@ -118,8 +115,8 @@ def draw_over_time(axes: Axes, drive: Drive, what: Literal["x", "y", "theta", "v
 
     Headings are shifted by full turns to be nearest to the true one, so that wrapping leaves no jump.
     """
-    label = "position error (m)"
     if what == "error":
+        label = "position error (m)"
         for poses, style in ((drive.estimate, _ESTIMATE), (drive.odometry, _ODOMETRY)):
             _plot(axes, drive.time, position_error(poses, drive.true_state), style)
         axes.set_ylim(bottom=0.0)
@@ -171,17 +168,13 @@ def draw_places(axes: Axes, drives: Sequence[Drive]) -> None:
 
     waypoints = np.concatenate([drive.reference for drive in drives])
     waypoints = np.unique(waypoints[np.isfinite(waypoints).all(1)], axis=0)
-    x, y, theta = waypoints.T
-    _plot(axes, x, y, _WAYPOINT)
+    _plot(axes, waypoints[:, 0], waypoints[:, 1], _WAYPOINT)
     starts = np.unique([drive.poses[0, :2] for drive in drives], axis=0)
     _plot(axes, starts[:, 0], starts[:, 1], _START)
-    for at in waypoints:
-        axes.add_patch(Circle(at[:2], drives[0].around.goal_radius, fill=False, edgecolor=GREEN, zorder=2.2))
-    if len(waypoints):
-        length = 0.08 * max(axes.dataLim.size)
-        u, v = length * np.cos(theta), length * np.sin(theta)
-        axes.quiver(x, y, u, v, color=GREEN, angles="xy", scale_units="xy", scale=1.0, width=0.006, zorder=3.2)
-        axes.update_datalim(np.stack([x + u, y + v], axis=-1))  # otherwise the axes could cut off the tips
+    radius = drives[0].around.goal_radius
+    for x, y, theta in waypoints:
+        axes.add_patch(Circle((x, y), radius, fill=False, edgecolor=GREEN, zorder=2.2))
+        axes.plot([x, x + radius * np.cos(theta)], [y, y + radius * np.sin(theta)], color=GREEN, zorder=2.2)
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.margins(0.05)
     shared = axes in axes.get_shared_x_axes() and axes in axes.get_shared_y_axes()
