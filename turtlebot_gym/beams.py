@@ -45,35 +45,28 @@ class Beams(NamedTuple):
 
 
 def beams_of(ranges: ArrayLike, *, first: float, increment: float, range_min: float, range_max: float) -> Beams:
-    """Return the beams of a scan.
-
-    Args:
-        ranges: As sent, shape (B,), m.
-        first: Direction of the first beam in the LiDAR's frame, rad.
-        increment: Angle from one beam to the next, rad; negative if clockwise.
-        range_min: Least range that the LiDAR measures, m.
-        range_max: Greatest range that it measures, m.
+    """Return the beams of a scan, by the fields of its ``sensor_msgs/LaserScan``.
 
     Raises:
         ValueError: With one line, if the scan cannot be read.
     """
     lengths = np.array(ranges, np.float32).reshape(-1)
-    if not len(lengths):
-        raise ValueError("the scan has no ranges")
-    if not math.isfinite(first):
-        raise ValueError(f"the scan's angle_min must be finite, got {first:g}")
-    if not 0.0 < abs(increment) < math.inf:
-        raise ValueError(f"the scan's angle_increment must be finite and not 0, got {increment:g}")
-    if (len(lengths) - SLACK) * abs(increment) > TURN:
-        raise ValueError(f"the scan's {len(lengths)} beams, {abs(increment):g} rad apart, are more than a whole turn")
-    if not 0.0 <= range_min < range_max:
-        raise ValueError(f"the scan's range_min must be in [0, range_max), got {range_min:g} and {range_max:g}")
-    if range_min > NEAREST or FARTHEST < range_max < UNLIMITED:
-        unit = "inches" if 0.0 < range_min < 8.0 else "cm" if 0.0 < range_min < 40.0 or range_max < 3000.0 else "mm"
-        raise ValueError(
-            f"no LiDAR measures from {range_min:g} to {range_max:g} m: are the scan's range_min and range_max in {unit}? "
-            f"They must be in m"
-        )
+    number, step = len(lengths), abs(increment)
+    unit = "inches" if 0.0 < range_min < 8.0 else "cm" if 0.0 < range_min < 40.0 or range_max < 3000.0 else "mm"
+    limits = f"{range_min:g} to {range_max:g} m"
+    for holds, rule in (
+        (number > 0, "the scan has no ranges"),
+        (math.isfinite(first), f"the scan's angle_min must be finite, got {first:g}"),
+        (0.0 < step < math.inf, f"the scan's angle_increment must be finite and not 0, got {increment:g}"),
+        ((number - SLACK) * step <= TURN, f"the scan's {number} beams, {step:g} rad apart, are more than a whole turn"),
+        (0.0 <= range_min < range_max, f"the scan's range_min must be in [0, range_max), got {limits}"),
+        (
+            range_min <= NEAREST and not FARTHEST < range_max < UNLIMITED,
+            f"no LiDAR measures from {limits}: are the scan's range_min and range_max in {unit}? They must be in m",
+        ),
+    ):
+        if not holds:
+            raise ValueError(rule)
     least, most = np.float32(range_min), np.float32(range_max)
     lengths[lengths == -np.inf] = max(least, np.float32(TOUCHING))
     finite = np.unique(lengths[np.isfinite(lengths) & (lengths > 0.0)])
@@ -85,26 +78,20 @@ def beams_of(ranges: ArrayLike, *, first: float, increment: float, range_min: fl
     lengths[~(lengths >= least) & ~free] = np.nan  # also NaN itself
     lengths[free] = np.inf
     if np.isnan(lengths).all():
-        raise ValueError(f"none of the scan's {len(lengths)} beams says anything")
-    return Beams(first + increment * np.arange(len(lengths), dtype=np.float64), lengths, abs(increment))
+        raise ValueError(f"none of the scan's {number} beams says anything")
+    return Beams(first + increment * np.arange(number, dtype=np.float64), lengths, step)
 
 
 def narrow_gap(radius: float, ahead: float) -> float:
-    """Return the angle of a gap that is as wide as a robot at the distance from where it must brake, rad.
+    """Return the angle of a gap that is as wide as a robot, of a radius, where it must brake, rad.
 
-    Args:
-        radius: The robot's radius, m.
-        ahead: The way that it makes and the room that it leaves until it stands, at full speed, m.
+    ``ahead`` is the way that it makes and the room that it leaves until it stands, at full speed, m.
     """
     return 2.0 * math.asin(radius / (radius + ahead))
 
 
 def gaps_of(beams: Beams, widest: float = math.inf) -> NDArray[np.float64]:
-    """Return the gaps of a scan: where beams are missing or too far apart, or the LiDAR does not look.
-
-    Args:
-        beams: The scan.
-        widest: Angle between two beams above which what is between them is a gap too, rad.
+    """Return the gaps of a scan: where beams are missing or farther apart than ``widest``, rad, or the LiDAR does not look.
 
     Returns:
         Shape (n, 4): the direction of the first and of the last missing beam, counter-clockwise from one to the other, the

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,7 @@ def moved(pose: tuple[float, float, float], command: Command, dt: float) -> tupl
     return x + chord * math.cos(theta + half), y + chord * math.sin(theta + half), theta + 2.0 * half
 
 
-def into(pose: tuple[float, float, float], points: Any) -> NDArray[np.float64]:
+def into(pose: tuple[float, float, float], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Transform points, shape (3, n), from the world into the frame of a pose."""
     x, y, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)
@@ -75,7 +75,7 @@ def into(pose: tuple[float, float, float], points: Any) -> NDArray[np.float64]:
     return np.stack((cosine * dx + sine * dy, cosine * dy - sine * dx, points[2]))
 
 
-def out_of(pose: tuple[float, float, float], points: Any) -> NDArray[np.float64]:
+def out_of(pose: tuple[float, float, float], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Transform points, shape (3, n), from the frame of a pose into the world."""
     x, y, theta = pose
     cosine, sine = math.cos(theta), math.sin(theta)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,24 +36,23 @@ HEALED = 10
 """Scans in a row in which an unknown direction must return something."""
 AT_LIMIT = 0.99
 """Share of ``range_max`` from which a range says that nothing returned."""
-TIGHT, LOOSE = 0.9, 1.5
-"""Directions that are told apart, as a share of the beams around, and beams for each from which more are told apart."""
-FEW, BINS = 100, 360
-"""Most directions of which each single one counts, and most that are told apart."""
+TIGHT, LOOSE, FEW, BINS = 0.9, 1.5, 100, 360
+"""Directions that are told apart, as a share of the beams around; beams for each from which more are told apart; most of which
+each single one counts; and most that are told apart."""
 
 Place = tuple[complex, complex]
 """Place of a LiDAR, m, and its direction, a unit vector."""
 
 
 class _Edge(NamedTuple):
-    """An edge of a silent run."""
+    """An edge of a silent run, as it was when it was first seen, in the LiDAR's frame."""
 
     side: int
     """1 if the run is to the left of it, -1 if to the right."""
     direction: float
-    """Its direction when it was first seen, in the LiDAR's frame, rad."""
+    """rad"""
     point: complex
-    """Its place in the LiDAR's frame then, m."""
+    """m"""
     origins: tuple[Place, Place]
     """Where the LiDAR may have been then."""
     scans: int
@@ -74,9 +73,9 @@ class Silence:
     def forget(self) -> None:
         """Forget what was learned."""
         self._count, self._edges = 0, list[_Edge]()
+        self._near, self._origins = np.zeros(0, np.complex128), ((0j, 1 + 0j), (0j, 1 + 0j))
         self.covered = 0.0
         """Angle of the last scan over which the LiDAR is covered, by what it has kept or proved, rad."""
-        self._near, self._origins = np.zeros(0, np.complex128), ((0j, 1 + 0j), (0j, 1 + 0j))
 
     def hear(self, beams: Beams, range_max: float, places: tuple[Place, Place]) -> Beams:
         """Return a scan in which unknown beams are missing.
@@ -93,27 +92,22 @@ class Silence:
             self._doubt, self._suspect = np.zeros(count, np.int64), np.zeros(count, np.bool_)
         count, step = self._count, TURN / self._count
         at = np.round(beams.directions / step).astype(np.int64) % count
-        nearest, silent = np.full(count, np.inf), np.zeros(count, np.bool_)
+        nearest, silent, gone = np.full(count, np.inf), np.zeros(count, np.bool_), np.zeros(count, np.bool_)
         measured = beams.ranges < AT_LIMIT * range_max
         np.minimum.at(nearest, at[measured], beams.ranges[measured])
         silent[at[~np.isnan(beams.ranges)]] = True
-        returned = np.isfinite(nearest)
-        silent &= ~returned
-        reach = min(SHARE * range_max, FARTHEST)
-        near = nearest < reach
-        vanished = np.ones(count, np.bool_)
-        for before, now in zip(self._origins, places, strict=True):
-            vanished &= _covers(_seen(self._near, before, now), count)
-        gone = np.zeros(count, np.bool_)
-        for first, last in _runs(~(vanished & silent), self._narrow / step):
-            gone[np.arange(first, last + 1) % count] = True
+        returned, reach = np.isfinite(nearest), min(SHARE * range_max, FARTHEST)
+        silent, near, origins = silent & ~returned, nearest < reach, zip(self._origins, places, strict=True)
+        vanished = np.logical_and.reduce([_covers(_seen(self._near, before, now), count) for before, now in origins])
+        for run in _runs(~(vanished & silent), self._narrow / step):
+            gone[run] = True
         edges = []
-        for first, last in _runs(returned, self._narrow / step):
-            run = np.arange(first, last + 1) % count
+        for run in _runs(returned, self._narrow / step):
             self._suspect[run] |= bool(gone[run].any())
             evidence, stays, left = 0.0, 0, []  # angles by which a still surface would have left the edges
-            for side, at_edge in ((1, (first - 1) % count), (-1, (last + 1) % count)):
-                if not (returned[at_edge] and silent[(at_edge + side) % count]):
+            for side, first in ((1, int(run[0])), (-1, int(run[-1]))):
+                at_edge = (first - side) % count
+                if not (returned[at_edge] and silent[first]):
                     continue  # beyond where the LiDAR looks, the edge is its own
                 edge, moved = self._follow(side, at_edge * step, float(nearest[at_edge]), places, step)
                 edges.append(edge)
@@ -131,8 +125,8 @@ class Silence:
         self._near, self._origins = nearest[near] * np.exp(1j * step * np.flatnonzero(near)), places
         self._doubt[returned] = np.maximum(self._doubt[returned] - 1, 0)
         self._doubt[silent & (self._doubt > 0)] = HEALED
-        self.covered = step * int((silent & (self._doubt > 0)).sum())
         self._suspect[returned] = False
+        self.covered = step * int((silent & (self._doubt > 0)).sum())
         unknown = (silent & (self._suspect | (self._doubt > 0)))[at] & ~measured
         return beams._replace(ranges=np.where(unknown, np.float32(np.nan), beams.ranges)) if unknown.any() else beams
 
@@ -140,20 +134,20 @@ class Silence:
         self, side: int, direction: float, length: float, places: tuple[Place, Place], step: float
     ) -> tuple[_Edge, float]:
         """Return an edge with its history, and the angle by which a still surface would have left it, rad; -1 if it did."""
-        kept = max(KEPT, 1.5 * step)
+        kept, new = max(KEPT, 1.5 * step), _Edge(side, direction, cmath.rect(length, direction), places, 1)
         for old in self._edges:
             if old.side != side:
                 continue
             moves = [
-                float(np.angle(_seen(np.array([old.point]), before, now)[0] * cmath.rect(1.0, -old.direction)))
+                cmath.phase(_seen(old.point, before, now) * cmath.rect(1.0, -old.direction))
                 for before, now in zip(old.origins, places, strict=True)
             ]
             turn = math.remainder(direction - old.direction, TURN)
             if abs(turn) <= kept:
                 return old._replace(scans=old.scans + 1), min(map(abs, moves)) if moves[0] * moves[1] > 0.0 else 0.0
             if min(moves) - kept <= turn <= max(moves) + kept:
-                return _Edge(side, direction, cmath.rect(length, direction), places, 1), -1.0
-        return _Edge(side, direction, cmath.rect(length, direction), places, 1), 0.0
+                return new, -1.0
+        return new, 0.0
 
 
 def place_of(pose: tuple[float, float, float], mount: tuple[float, float, float]) -> Place:
@@ -162,7 +156,7 @@ def place_of(pose: tuple[float, float, float], mount: tuple[float, float, float]
     return complex(pose[0], pose[1]) + complex(mount[0], mount[1]) * heading, heading * cmath.rect(1.0, mount[2])
 
 
-def _seen(points: NDArray[np.complex128], before: Place, now: Place) -> NDArray[np.complex128]:
+def _seen(points: Any, before: Place, now: Place) -> Any:
     """Return points of a LiDAR's frame in its frame at another place."""
     return (before[0] + points * before[1] - now[0]) * now[1].conjugate()
 
@@ -174,12 +168,12 @@ def _covers(points: NDArray[np.complex128], count: int) -> NDArray[np.bool_]:
     return covered | np.roll(covered, 1) | np.roll(covered, -1) if count > FEW else covered
 
 
-def _runs(solid: NDArray[np.bool_], least: float) -> list[tuple[int, int]]:
-    """Return first and last of the runs of more than ``least`` directions that are not solid; single ones do not end them."""
+def _runs(solid: NDArray[np.bool_], least: float) -> list[NDArray[np.int64]]:
+    """Return the runs of more than ``least`` directions that are not solid; single ones do not end them."""
     count = len(solid)
     around = sum(np.roll(solid, k).astype(np.int64) for k in range(-2, 3)) if count > FEW else 5 * solid
     firm = np.flatnonzero(solid & (around >= 3))
     if not len(firm):
-        return [(0, count - 1)]
+        return [np.arange(count)]
     widths = np.diff(firm, append=firm[0] + count) - 1
-    return [(int(firm[k]) + 1, int(firm[k]) + int(widths[k])) for k in np.flatnonzero(widths > least)]
+    return [(firm[k] + 1 + np.arange(widths[k])) % count for k in np.flatnonzero(widths > least)]

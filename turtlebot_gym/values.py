@@ -56,10 +56,9 @@ class Odometry(NamedTuple):
 
 
 class SidewaysOdometry(Odometry):
-    """Odometry whose twist also has a speed to the left, which a robot with two wheels does not have."""
+    """Odometry whose twist also has a speed to the left, m/s, which a robot with two wheels does not have."""
 
     across: float
-    """That speed, m/s."""
 
 
 class Senses(NamedTuple):
