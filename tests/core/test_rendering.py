@@ -9,6 +9,7 @@ import pytest
 from gymnasium.error import DependencyNotInstalled
 
 from turtlebot_gym import Episode, Robot, make_parameters
+from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.envs.rendering import HEADER, SIDE, Renderer
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.tasks import NAV, POSE, SQUARE, SQUARE_WAYPOINTS
@@ -35,7 +36,7 @@ def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.0
 
 def make(*, windows=False, waypoints=(), **options):
     parameters = make_parameters()._replace(**{"task": SQUARE if waypoints else NAV, **options})
-    return Renderer(parameters, windows=windows, waypoints=waypoints, fps=1000)
+    return Renderer(Batch(1, parameters, waypoints or SQUARE_WAYPOINTS), windows=windows, fps=1000)
 
 
 def pixel(picture, x, y, *, centre=0.0, half=2.5, ahead=0.0, heading=0.0):

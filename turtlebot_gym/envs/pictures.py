@@ -10,9 +10,6 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.rooms.scene import scene_at
-from turtlebot_gym.systems.scans import TrackedScene
-from turtlebot_gym.values import Pose
 
 if TYPE_CHECKING:
     from turtlebot_gym.envs.rendering import Renderer
@@ -57,23 +54,12 @@ class Pictures:
             DependencyNotInstalled: If pygame is missing.
         """
         if not self._renderers:
-            self._renderers = [self._make_renderer(row) for row in range(self._rows)]
+            from turtlebot_gym.envs.rendering import Renderer  # pygame is slow to import, and most runs draw nothing
+
+            windows = self._mode == "human"
+            self._renderers = [Renderer(self._batch, row, windows=windows, fps=self._fps) for row in range(self._rows)]
         pictures = [renderer.draw(self._batch.world(row)) for row, renderer in enumerate(self._renderers)]
         return tuple(picture for picture in pictures if picture is not None)
-
-    def _make_renderer(self, row: int) -> Renderer:
-        from turtlebot_gym.envs.rendering import Renderer  # pygame is slow to import, and most runs draw nothing
-
-        batch, p = self._batch, self._batch.parameters_of(row)
-        scenes: Any = batch.scenes
-        return Renderer(
-            p,
-            windows=self._mode == "human",
-            waypoints=() if p.task.random else [Pose(*pose) for pose in batch.waypoints[row].tolist()],
-            scene=scene_at(scenes, row) if p.room else None,
-            tracks=scenes.tracker.seen[row] if isinstance(scenes, TrackedScene) else None,
-            fps=self._fps,
-        )
 
     def close(self) -> None:
         for renderer in self._renderers:

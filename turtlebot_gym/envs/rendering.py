@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +12,13 @@ from gymnasium.error import DependencyNotInstalled
 from matplotlib import get_data_path
 from numpy.typing import NDArray
 
+from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.observations import NEAREST
 from turtlebot_gym.plotting import BLACK, BLUE, ESTIMATE_WITHIN, GREEN, PURPLE, SIGMAS, SKY_BLUE, VERMILLION, ellipse
 from turtlebot_gym.rooms.cells import to_cells
-from turtlebot_gym.rooms.scene import Scene
-from turtlebot_gym.systems import Parameters, Snapshot
+from turtlebot_gym.rooms.scene import Scene, scene_at
+from turtlebot_gym.systems import Snapshot
+from turtlebot_gym.systems.scans import TrackedScene
 from turtlebot_gym.tasks import distance_to
 from turtlebot_gym.values import Pose, State
 
@@ -53,34 +55,25 @@ class Renderer:
     What does not move is drawn once, on the paper below the trails.
 
     Args:
-        parameters: The robot, the task and the LiDAR that are drawn.
+        batch: The environments, whose rooms and tracks are looked at in each picture.
+        row: Number of the environment.
         windows: Whether a window, which opens with the first picture, shows it; otherwise no display is needed.
-        waypoints: The given waypoints, which fill the map together with the origin; none if arena or room do.
-        scene: The room, whose arrays the environment updates; None on open ground.
-        tracks: The numbers of the term `observations.TRACKS`, which the environment updates; None without a tracker.
         fps: Pictures per second in the window.
 
     Raises:
         DependencyNotInstalled: If pygame is missing.
     """
 
-    def __init__(
-        self,
-        parameters: Parameters,
-        *,
-        windows: bool = False,
-        waypoints: Sequence[Pose] = (),
-        scene: Scene | None = None,
-        tracks: NDArray[np.float32] | None = None,
-        fps: float = 10.0,
-    ) -> None:
+    def __init__(self, batch: Batch, row: int = 0, *, windows: bool = False, fps: float = 10.0) -> None:
         try:
             import pygame
         except ImportError as error:
             raise DependencyNotInstalled('pygame is not installed, run `pip install "pygame>=2.5"`') from error
         pygame.font.init()
-        self._pygame, self._windows, self._p, self._fps = pygame, windows, parameters, fps
-        self._waypoints, self._scene, self._tracks = waypoints, scene, tracks
+        self._pygame, self._windows, self._fps, self._p = pygame, windows, fps, batch.parameters_of(row)
+        self._waypoints = [] if self._p.task.random else [Pose(*pose) for pose in batch.waypoints[row].tolist()]
+        self._scene = scene_at(batch.scenes, row) if self._p.room else None
+        self._tracks = batch.scenes.tracker.seen[row] if isinstance(batch.scenes, TrackedScene) else None
         self._font = pygame.font.Font(str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), 12 * _FINE)
         self._window: Any = None
         self._clock = pygame.time.Clock()
