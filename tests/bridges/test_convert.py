@@ -18,16 +18,7 @@ from turtlebot_gym_ros.node.geometry import _yaw_of, quaternion_of
 
 HEADER = Header(frame_id="odom")
 X, Y, Z, ROLL, PITCH, YAW = range(6)
-P = Covariance(
-    xx=0.11,
-    xy=0.12,
-    xt=0.13,
-    yy=0.22,
-    yt=0.23,
-    tt=0.33,
-    vv=0.44,
-    ww=0.55,
-)
+P = Covariance(xx=0.11, xy=0.12, xt=0.13, yy=0.22, yt=0.23, tt=0.33, vv=0.44, ww=0.55)
 BELIEF = Belief(State(1.0, 2.0, math.pi / 3.0, 0.4, -0.5), P)
 
 
@@ -46,8 +37,7 @@ def a_covariance(rng):
 
 
 @pytest.mark.parametrize(
-    "theta",
-    [0.0, 1e-9, -1e-9, 1e-300, 0.12487552222276889, 1.0, -2.0, math.pi / 2, -math.pi, math.nextafter(math.pi, 0.0)],
+    "theta", [0.0, 1e-9, -1e-9, 1e-300, 0.12487552222276889, 1.0, -2.0, math.pi / 2, -math.pi, math.nextafter(math.pi, 0.0)]
 )
 def test_headings_survive_the_quaternion(theta):
     for _ in range(50):  # and their neighbours

@@ -28,7 +28,7 @@ def test_it_drives_the_square_in_one_process():
 
 
 def test_graphs_in_one_process_do_not_disturb_each_other():
-    with Graph(domain=101, seed=1, laps=1000) as driving, Graph(domain=102, mode="teleoperation") as other:
+    with Graph(namespace="a", seed=1, laps=1000) as driving, Graph(namespace="b", mode="teleoperation") as other:
         driving.wait_until(lambda graph: graph.latest["true_state"].x > 0.3)
         assert other.latest["true_state"][:3] == (0.0, 0.0, 0.0)
         assert "reference" not in other.latest

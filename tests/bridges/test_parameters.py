@@ -14,9 +14,7 @@ from turtlebot_gym_ros.nodes import BLOCKS, load
 from turtlebot_gym_ros.recording.logger import Parameters as LoggerParameters
 
 BLOCK = {name: load(name) for name in BLOCKS}
-CLASSES = {name: block.Params for name, block in BLOCK.items()} | {
-    "data_logger": LoggerParameters,
-}
+CLASSES = {name: block.Params for name, block in BLOCK.items()} | {"data_logger": LoggerParameters}
 RULES = {name: rules(kind) for name, kind in CLASSES.items()}
 
 
@@ -36,11 +34,7 @@ REFUSED = [
     ("turtlebot_simulator", {"goals": 2}, "goals must be 0 without a world"),
     ("turtlebot_simulator", {"world": "jungle"}, "world must be one of"),
     ("turtlebot_simulator", {"world": "dense", "random_start": True}, "random_start must be false"),
-    (
-        "turtlebot_simulator",
-        {"world": "dense", "lidar": "ideal", "period": 0.2},
-        "at most one scan in a control interval",
-    ),
+    ("turtlebot_simulator", {"world": "dense", "lidar": "ideal", "period": 0.2}, "at most one scan in a control interval"),
     ("waypoint_generator", {"switch": "never"}, "switch must be one of"),
     ("waypoint_generator", {"waypoints": "/nowhere.yaml"}, "cannot read '/nowhere.yaml'"),
 ]

@@ -7,47 +7,7 @@ import pytest
 from std_msgs.msg import Bool
 
 from cmd_vel_guard.session import INTERRUPTED
-from turtlebot_gym_ros.tools import asking
-from turtlebot_gym_ros.tools.enable import switches
 from turtlebot_gym_ros.tools.foxglove import Relay
-
-
-class Heard:
-    """A node that hears services and nodes."""
-
-    def __init__(self, *names):
-        self.names = names
-
-    def get_service_names_and_types(self):
-        return [(f"{name}/enable", ["std_srvs/srv/SetBool"]) for name in self.names] + [("/x/enable", ["std_srvs/srv/Empty"])]
-
-    def get_topic_names_and_types(self):
-        return []
-
-    def get_node_names(self):
-        return ["turtlebot_gym_tool", *self.names]
-
-    def get_name(self):
-        return "turtlebot_gym_tool"
-
-
-@pytest.mark.parametrize(
-    ("names", "order"),
-    [
-        (["/a_driver", "/cmd_vel_guard"], ["/cmd_vel_guard", "/a_driver"]),
-        (["/r1/velocity_controller"], ["/r1/velocity_controller"]),
-        (["/r1/cmd_vel_guard", "/r2/cmd_vel_guard"], None),
-        (["/another_driver", "/cmd_vel_guard", "/velocity_controller"], None),
-    ],
-)
-def test_the_switches_of_one_robot_are_found_and_the_guard_is_first(monkeypatch, names, order):
-    monkeypatch.setattr(asking, "SETTLED", 0.1)
-    node = Heard(*names)
-    if order:
-        assert switches(node, 1.0) == order
-    else:
-        with pytest.raises(ValueError, match=", ".join(names)):
-            switches(node, 1.0)
 
 
 @pytest.fixture

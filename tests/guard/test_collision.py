@@ -10,17 +10,7 @@ from hypothesis import strategies as st
 
 from cmd_vel_guard import collision
 from cmd_vel_guard.arbiter import Arbiter
-from cmd_vel_guard.collision import (
-    SLOWEST,
-    Footprint,
-    Limits,
-    RawScan,
-    gaps,
-    limited,
-    read,
-    times_to_contact,
-    view_of,
-)
+from cmd_vel_guard.collision import SLOWEST, Footprint, Limits, RawScan, gaps, limited, read, times_to_contact, view_of
 from cmd_vel_guard.monitor import Monitor, Timing
 from cmd_vel_guard.values import STOP, Command, Mount
 from turtlebot_gym import beams

@@ -37,23 +37,16 @@ SPIN = 0.03
 class Runner:
     """A context, and an executor that runs nodes in the thread that calls `spin_once`, or in one of its own.
 
-    The part of the arguments after ``--ros-args`` applies to all its nodes. Without a domain it is that of the environment.
+    The part of the arguments after ``--ros-args`` applies to all its nodes.
     Discovery stays on this machine if ``local``, unless the environment says otherwise.
     """
 
-    def __init__(
-        self,
-        arguments: Sequence[str] = (),
-        *,
-        domain: int | None = None,
-        executor: type[Executor] = SteadyExecutor,
-        local: bool = True,
-    ) -> None:
+    def __init__(self, arguments: Sequence[str] = (), *, executor: type[Executor] = SteadyExecutor, local: bool = True) -> None:
         prepare(local=local)
         self.context = Context()
         # rclpy's own signal handlers end the context first, and then no zeros can be sent.
         options = SignalHandlerOptions.NO
-        rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
+        rclpy.init(args=list(arguments), context=self.context, signal_handler_options=options)
         self._executor = executor(context=self.context)
         self._running: list[Any] = []
         self._closing = False

@@ -39,13 +39,8 @@ def go_on() -> None:
 
 
 @contextmanager
-def processes(
-    nodes: Sequence[tuple[str, Mapping[str, Any]]], words: Sequence[str], environment: Mapping[str, str] | None = None
-) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Run nodes, by name and parameters, in processes of their own with ROS arguments; they end also if this one is killed.
-
-    ``environment`` has their variables besides those of this process.
-    """
+def processes(nodes: Sequence[tuple[str, Mapping[str, Any]]], words: Sequence[str]) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Run nodes, by name and parameters, in processes of their own with ROS arguments; they end also if this one is killed."""
     running: list[subprocess.Popen[bytes]] = []
     # A signal at the parent's death, as Linux knows it, would also come when the thread ends that started them.
     theirs, ours = os.pipe()
@@ -54,7 +49,7 @@ def processes(
             texts = {key: str(value).lower() if isinstance(value, bool) else value for key, value in parameters.items()}
             given = [word for key, text in texts.items() for word in ("-p", f"{key}:={text}")]
             command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *given, *words]
-            variables = {**os.environ, **(environment or {}), LIFELINE: str(theirs)}
+            variables = {**os.environ, LIFELINE: str(theirs)}
             before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # until it is ready to end quietly
             running.append(subprocess.Popen(command, env=variables, pass_fds=[theirs]))
             signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -63,10 +63,7 @@ class PeopleTracker:
         def __post_init__(self) -> None:
             check_fields(self, "")
 
-    inputs = {
-        "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
-        "scan": replace(SCAN, wakes=False),
-    }
+    inputs = {"odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True), "scan": replace(SCAN, wakes=False)}
     outputs = {"nearest": Output(topic="tracks", type=Tracks)}
     trigger = On("odometry")
 

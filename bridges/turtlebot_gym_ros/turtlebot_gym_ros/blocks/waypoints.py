@@ -76,10 +76,7 @@ class WaypointGenerator:
         "estimate": Input(topic="estimate", type=Estimate, required=False, reliable=False, sole=True),
         "goal": Input(topic="goal_pose", type=Pose, required=False, max_age=None, once=True),
     }
-    outputs = {
-        "following": Output(topic="next_reference", type=Pose),
-        "reference": Output(topic="reference", type=Pose),
-    }
+    outputs = {"following": Output(topic="next_reference", type=Pose), "reference": Output(topic="reference", type=Pose)}
     trigger = Every(0.1, answers="estimate")
 
     def __init__(self, params: Params) -> None:
@@ -143,13 +140,7 @@ class WaypointGenerator:
         pose = self._here if self._params.goal_tolerance > 0.0 else None
         self._poses, self._laps, self._visited, self._rests = () if pose is None else (pose,), 1.0, 0, True
 
-    def step(
-        self,
-        dt: float,
-        estimate: Estimate | None,
-        goal: Pose | None,
-        room_goal: Pose | None = None,
-    ) -> dict[str, Pose]:
+    def step(self, dt: float, estimate: Estimate | None, goal: Pose | None, room_goal: Pose | None = None) -> dict[str, Pose]:
         """Return the waypoint to reach and the one after it; nothing before they are known."""
         self._here = None if estimate is None else Pose(*estimate.belief.mean[:3])
         if room_goal is not None and room_goal != self._room_goal:  # the goal of another episode

@@ -58,7 +58,6 @@ class Graph:
         mode: "autonomous" or "teleoperation".
         processes: Whether each node runs in a process of its own.
         speed: 1 for real time, None for as fast as the nodes answer; any other value is the largest multiple of real time.
-        domain: ROS domain; None for that of the environment.
         namespace: Namespace of all nodes and topics, such as "robot1", so that several robots can share one ROS domain.
         frame_prefix: Prefix of all frames; None for that of the namespace, "robot1/".
         allow_mismatch: Whether a policy that was made for another task may drive.
@@ -75,7 +74,6 @@ class Graph:
         mode: str = "autonomous",
         processes: bool = False,
         speed: float | None = None,
-        domain: int | None = None,
         namespace: str = "",
         frame_prefix: str | None = None,
         allow_mismatch: bool = False,
@@ -97,7 +95,6 @@ class Graph:
         self._processes: list[subprocess.Popen[bytes]] = []
         self._ending, self._failed = ExitStack(), Event()
         self._in_processes = processes
-        self._domain = domain
         self._autonomous = mode == "autonomous"
         if speed is not None:
             Range(0.0, 1e3, open_low=True, open_high=True).check("speed", speed)
@@ -137,7 +134,7 @@ class Graph:
 
     def start(self) -> Graph:
         """Start all nodes and return the graph when it is running; end it with `close`, as ``with`` does."""
-        self._runner = Runner(domain=self._domain, executor=FastExecutor)
+        self._runner = Runner(executor=FastExecutor)
         self._runner.failed = self._failed.set
         try:
             options: Any = {"stamped": self._stamped, "lock_step": self._lock_step, "room": self.in_room}
@@ -156,8 +153,7 @@ class Graph:
         if self._in_processes:  # the command line cannot express empty text
             nodes = [(name, {k: v for k, v in self._parameters[name].items() if v != ""}) for name in self._names]
             words = [*OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
-            domain = {} if self._domain is None else {"ROS_DOMAIN_ID": str(self._domain)}
-            self._processes = self._ending.enter_context(processes(nodes, words, domain))
+            self._processes = self._ending.enter_context(processes(nodes, words))
             return
         for name in self._names:
             block, options = load(name), {"namespace": self._namespace, "context": self._runner.context}

@@ -34,13 +34,7 @@ from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.lockstep import EPISODE_GAP
 from turtlebot_gym_ros.node.triggers import SECOND
 
-TOPICS: dict[str, type] = {
-    "true_state": State,
-    "odom": Odometry,
-    "estimate": Estimate,
-    "reference": Pose,
-    "cmd_vel": Command,
-}
+TOPICS: dict[str, type] = {"true_state": State, "odom": Odometry, "estimate": Estimate, "reference": Pose, "cmd_vel": Command}
 """Topics to record, with their value types."""
 STEP = ("true_state", "odom", "estimate", "reference")
 """Topics of a row; in real time the reference is not tied to a step."""
