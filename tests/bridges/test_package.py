@@ -22,6 +22,7 @@ PACKAGE = ROOT / "bridges" / "turtlebot_gym_ros"
 SOURCES = PACKAGE / "turtlebot_gym_ros"
 CONFIG = PACKAGE / "config" / "robot.yaml"
 LAUNCHES = sorted((PACKAGE / "launch").glob("*.launch.xml"))
+GUARDS = ROOT / "bridges" / "cmd_vel_guard" / "launch" / "cmd_vel_guard.launch.xml"
 RVIZ = PACKAGE / "rviz" / "turtlebot.rviz"
 SHELLS = {name: load(name) for name in BLOCKS}
 OTHERS = {"cmd_vel_guard": parameters, "cmd_vel_standby": standby, "data_logger": logger}
@@ -43,7 +44,7 @@ def test_the_configuration_names_nodes_and_parameters_that_exist_and_moves_nothi
     assert SHELLS["kalman_filter"].Params(**config["kalman_filter"]).noise == "wheel"
 
 
-@pytest.fixture(params=LAUNCHES, ids=lambda path: path.stem)
+@pytest.fixture(params=[*LAUNCHES, GUARDS], ids=lambda path: path.stem)
 def launch_file(request):
     return ElementTree.parse(request.param).getroot()
 

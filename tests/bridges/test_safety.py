@@ -21,21 +21,6 @@ def stops(safety, start, end, step=0.01):
     return [now for now in times if safety.tick(now=now)]
 
 
-@pytest.mark.parametrize(("enabled", "why"), [(True, "no step yet"), (False, "not enabled")])
-def test_it_starts_silent_and_says_why_and_a_stop_of_what_does_not_move_stays_silent(enabled, why):
-    safety = Safety(enabled=enabled, blocked=0.5)
-    assert safety.state == f"silent: {why}"
-    safety.stop("waits for /odom", now=5.0)
-    assert stops(safety, 5.0, 7.0) == []
-    if enabled:
-        assert safety.state == "silent: waits for /odom"
-        assert safety.enable(now=7.1, buttons=0) is None  # again, which changes nothing
-        assert safety.state == "silent: waits for /odom"
-    safety = active(now=5.0)
-    assert safety.enable(now=5.1, buttons=0) is None
-    assert safety.state == "active"
-
-
 @pytest.mark.parametrize("disable", [True, False])
 def test_a_stop_overtakes_a_step_and_it_goes_on_unless_it_was_disabled_which_no_plain_stop_ends(disable):
     safety = active(now=5.0)
@@ -74,24 +59,6 @@ def test_a_blocked_step_is_a_fault():
     assert safety.enable(now=23.0, buttons=0) == "the last step is still blocked"
     safety.end()
     assert safety.enable(now=23.1, buttons=0) is None
-
-
-def test_an_emergency_stop_that_falls_silent_is_a_stop_until_it_is_heard_for_half_a_second():
-    safety = active(now=7.0)
-    safety.hear_emergency(False, now=7.0)
-    assert stops(safety, 7.0, 7.499) == []
-    assert safety.tick(now=7.501)
-    assert not safety.activate(safety.ticket)
-    assert safety.state == "stopping: the emergency stop is silent"
-    stops(safety, 7.51, 10.0)
-    assert safety.state == "silent: the emergency stop is silent"
-    assert safety.enable(now=10.0, buttons=0) == "the emergency stop is silent"
-    assert not safety.activate(safety.ticket)
-    for k in range(4):
-        safety.hear_emergency(False, now=10.02 + 0.2 * k)
-        assert not safety.tick(now=10.03 + 0.2 * k)
-        assert safety.activate(safety.ticket) is (k == 3)
-    assert safety.state == "active"
 
 
 @pytest.mark.parametrize("pressed", [False, True])

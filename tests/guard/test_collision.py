@@ -422,28 +422,3 @@ def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
 
 
 # What a scan says, as stop zones.
-
-
-def drawn_views(seed, reach, number=20):
-    """Yield drawn mounts, and what a drawn scan with gaps says there within a reach."""
-    rng = np.random.default_rng(seed)
-    for _ in range(number):
-        mount = Mount("base_scan", *rng.uniform(-0.05, 0.05, 2), rng.uniform(-math.pi, math.pi))
-        body = Footprint(0.1, rng.uniform(-0.05, 0.05), mount)
-        ranges = rng.uniform(0.2, 1.5, 60).repeat(6)
-        ranges[(np.arange(360) + rng.integers(360)) % 360 < 40] = np.nan
-        ranges[rng.integers(360, size=20)] = np.nan
-        scanned = scan(ranges, range_min=0.02)
-        yield (
-            body,
-            view_of(read(scanned, body, LIMITS), body, LIMITS, reach=reach, narrow=narrow_gap(body, LIMITS, 0.3), room=0.04),
-        )
-
-
-@pytest.mark.parametrize("reach", [0.2, 0.5, 2.0])
-def test_what_is_beyond_the_reach_is_left_out_and_nothing_else(reach):
-    for (body, near), (_, everything) in zip(drawn_views(1, reach), drawn_views(1, 20.0), strict=True):
-        for name in ("seen", "unknown"):
-            part, whole = (getattr(view, name).T for view in (near, everything))
-            within = whole[gaps(whole.T, body.center_x) <= reach]
-            assert set(map(tuple, np.round(within, 9))) == set(map(tuple, np.round(part, 9)))

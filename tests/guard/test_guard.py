@@ -12,9 +12,8 @@ from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from probe import AHEAD, Probe, laser
 from sensor_msgs.msg import LaserScan
-from std_msgs.msg import Bool, Empty, String
+from std_msgs.msg import Empty, String
 
-from cmd_vel_guard.guard import CmdVelGuard
 from cmd_vel_guard.qos import LATCHED
 from cmd_vel_guard.values import STOP, Command
 
@@ -83,31 +82,6 @@ def driving(start, launch, probe):
         return guard, standby
 
     return begin
-
-
-@pytest.fixture
-def guard(make_runner):
-    """A guard with a geofence in this process, which runs when the test calls it."""
-    node = CmdVelGuard(make_runner("--ros-args", *WORDS, "-p", "geofence:=1.0").context)
-    yield node
-    node.destroy_node()
-
-
-def test_the_end_of_a_button_is_a_stop_at_once(guard, peer, wait_for):
-    button = peer.speak("emergency_stop", Bool, 1)
-    wait_for(lambda: guard._buttons.get_publisher_count() == 1)
-
-    def heard():
-        button.publish(Bool(data=False))
-        guard._take_buttons()
-        return guard._arbiter.buttons.heard
-
-    wait_for(heard)
-    assert guard._arbiter.buttons.lost(guard._now()) == ""
-    peer.node.destroy_publisher(button)
-    wait_for(lambda: guard._buttons.get_publisher_count() == 0)
-    guard._take_buttons()
-    assert guard._arbiter.buttons.lost(guard._now()) == "an emergency stop has ended"
 
 
 SUSPENDS = """
@@ -229,17 +203,9 @@ def test_a_second_source_of_an_input_stops_the_robot_until_it_is_gone(start, lau
 @pytest.mark.parametrize(
     ("words", "first", "second"),
     [
-        (["-r", "cmd_vel_in:=cmd_vel"], "cmd_vel", "cmd_vel_in"),
-        *(
-            pytest.param(words, first, second, marks=pytest.mark.nightly)
-            for words, first, second in (
-                (["-r", "cmd_vel_in:=/cmd_vel"], "cmd_vel", "cmd_vel_in"),
-                (["-r", "cmd_vel_teleop:=cmd_vel"], "cmd_vel", "cmd_vel_teleop"),
-                (["-r", "cmd_vel:=cmd_vel_in"], "cmd_vel", "cmd_vel_in"),
-                (["-r", "__ns:=/robot1", "-r", "cmd_vel_in:=/robot1/cmd_vel"], "cmd_vel", "cmd_vel_in"),
-                (["-r", "cmd_vel_guard:cmd_vel_in:=cmd_vel"], "cmd_vel", "cmd_vel_in"),
-                (["-r", "cmd_vel_in:=joy", "-r", "cmd_vel_teleop:=joy"], "cmd_vel_in", "cmd_vel_teleop"),
-            )
+        (["-r", "__ns:=/robot1", "-r", "cmd_vel_in:=/robot1/cmd_vel"], "cmd_vel", "cmd_vel_in"),
+        pytest.param(
+            ["-r", "cmd_vel_in:=j", "-r", "cmd_vel_teleop:=j"], "cmd_vel_in", "cmd_vel_teleop", marks=pytest.mark.nightly
         ),
     ],
 )

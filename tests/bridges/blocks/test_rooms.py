@@ -1,11 +1,10 @@
 """The blocks in a room, in a ``for`` loop: what they hand to each other is the environment's to the bit."""
 
-import numpy as np
 import pytest
 
 import turtlebot_gym  # noqa: F401  # registers the environments
 from turtlebot_gym.rooms.lidar import LIDARS
-from turtlebot_gym.values import STOP, Pose
+from turtlebot_gym.values import STOP
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.node.block import Stamped
 
@@ -41,19 +40,6 @@ class Loop:
         self.command = self.controller.step(DT, estimate, **way, scan=scan)["command"]
         self.at += 1
         return values
-
-
-def test_a_scan_is_observed_with_its_age_up_to_a_second_and_refused_with_another_number_of_beams():
-    loop = Loop(world="dense", lidar="lds01", seed=3)
-    loop.step()
-    estimate = loop.filter.step(DT, loop.plant.step(DT, loop.command)["odometry"])["estimate"]
-    for age, observed in ((-0.1, 0.0), (0.4, 0.4), (3.0, 1.0)):
-        loop.controller.step(DT, estimate, Pose(3.0, 0.0, 0.0), None, scan=Stamped(loop.scan, age))
-        assert loop.controller.driver.observation[-1] == np.float32(observed)
-    with pytest.raises(ValueError, match="the scan has 359 beams, but lidar_beams says 360"):
-        loop.controller.step(
-            DT, estimate, Pose(3.0, 0.0, 0.0), None, scan=Stamped(loop.scan._replace(ranges=loop.scan.ranges[1:]), 0.0)
-        )
 
 
 @pytest.mark.parametrize("lidar", ["lds01", "ideal"])
