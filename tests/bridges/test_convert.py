@@ -5,12 +5,15 @@ import re
 
 import numpy as np
 import pytest
+from bench import over_the_wire
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_msgs.msg import Header
 
 from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import covariance_of
+from turtlebot_gym.rooms.grid import GridMap
+from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.node.block import InitialPose, Nis
 from turtlebot_gym_ros.node.convert import conversion, register
@@ -169,3 +172,63 @@ READ = [
 def test_a_message_that_is_no_value_is_refused(value, path, number, said):
     with pytest.raises(ValueError, match=re.escape(said)):
         conversion(type(value)).read(changed(value, path, number))
+
+
+@pytest.mark.parametrize("beams", [1, 2, 36, 269, 360, 1080])
+def test_a_scan_travels_to_the_bit(beams):
+    rng = np.random.default_rng(beams)
+    single = [float(np.float32(number)) for number in (-1.0, 2.0 * math.pi / beams, 0.12, 3.5, 1e-3, 0.2)]
+    for _ in range(20):
+        ranges = rng.uniform(0.12, 3.5, beams).astype(np.float32)
+        ranges = np.where(rng.random(beams) < 0.2, np.float32(np.inf), np.maximum(ranges, np.float32(0.12)))
+        scan = Scan(ranges, *single)
+        back = conversion(Scan).read(over_the_wire(conversion(Scan).write(scan, Header())))
+        assert back.ranges.dtype == np.float32
+        assert back.ranges.tobytes() == ranges.tobytes()
+        assert back[1:] == scan[1:]
+
+
+@pytest.mark.parametrize("distance", [0.25, -0.125, math.inf, 0.0])
+def test_a_clearance_travels_and_one_that_is_no_number_is_refused(distance):
+    way = conversion(Clearance)
+    assert way.read(over_the_wire(way.write(Clearance(distance), Header()))) == Clearance(distance)
+    with pytest.raises(ValueError, match="not a number"):
+        way.read(way.write(Clearance(math.nan), Header()))
+
+
+def test_obstacles_travel_as_markers():
+    way = conversion(Obstacles)
+    room = Obstacles((1.0, -1.0, 2.5, 2.0), ((0.5, 0.25, 0.3), (-1.0, 0.0, 0.1)), ((0.0, 1.0, 0.4, 1.2, 0.7),))
+    message = over_the_wire(way.write(room, Header(frame_id="odom")))
+    assert [marker.header.frame_id for marker in message.markers] == ["odom"] * 4
+    assert len({(marker.ns, marker.id) for marker in message.markers}) == 4
+    back = way.read(message)
+    for read, other in zip(back, room, strict=True):
+        np.testing.assert_allclose(read, other, rtol=1e-12)
+    message.markers.pop(0)
+    with pytest.raises(ValueError, match="no walls"):
+        way.read(message)
+
+
+def value_at(message, x, y):
+    """Return the value of the cell around a point of the world, by the definition of the message; None outside of it."""
+    info = message.info
+    yaw = 2.0 * math.atan2(info.origin.orientation.z, info.origin.orientation.w)
+    away = complex(x - info.origin.position.x, y - info.origin.position.y) * np.exp(-1j * yaw)
+    column, row = math.floor(away.real / info.resolution), math.floor(away.imag / info.resolution)
+    inside = 0 <= column < info.width and 0 <= row < info.height
+    return message.data[row * info.width + column] if inside else None
+
+
+@pytest.mark.parametrize(("rows", "columns", "resolution", "yaw"), [(1, 1, 0.05, 0.0), (7, 4, 0.1, 0.7), (30, 41, 0.037, -3.1)])
+def test_a_map_travels_cell_by_cell(rows, columns, resolution, yaw):
+    cells = np.random.default_rng(rows).choice([0, 100, -1, 40], (rows, columns)).astype(np.int8)
+    cells[0, 0] = 0
+    grid = GridMap(cells=cells, resolution=resolution, origin=Pose(-1.7, 0.3, yaw))
+    message = over_the_wire(conversion(GridMap).write(grid, Header(frame_id="odom")))
+    back = conversion(GridMap).read(message)
+    np.testing.assert_array_equal(back.cells, cells)
+    assert (back.resolution, back.origin) == (resolution, grid.origin)
+    for row, column in np.ndindex(rows, columns):
+        across = complex(column + 0.5, row + 0.5) * resolution * np.exp(1j * yaw)
+        assert value_at(message, -1.7 + across.real, 0.3 + across.imag) == cells[row, column]

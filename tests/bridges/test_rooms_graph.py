@@ -114,3 +114,12 @@ def test_tracks_of_people_are_those_of_the_environment(compare, logged, lidar):
     )
     given = given_alike(compare, logged, drive, 60, shown=90)
     assert (given[:, 57] == 1.0).any(), "nobody was tracked: the test saw too little"
+
+
+def test_a_localizer_in_a_map_is_the_environments(compare, tmp_path, write_map):
+    drive = compare.RoomDrive(world=str(write_map(tmp_path)), noise="wheel", seed=3, localizer="match")
+    expected = compare.first(compare.room_episode(drive), 60)
+    differ = compare.room_differences(expected, compare.room_live(drive, 60))
+    assert max(differ.values()) == 0.0, differ
+    other = compare.first(compare.room_episode(drive._replace(localizer=None)), 60)
+    assert compare.room_differences(expected, other)["estimate"] > 1e-3

@@ -10,13 +10,19 @@ from bench import NoParameters
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import ListParameters, SetParameters
+from rclpy.node import Node
 from rclpy.time import Time
 from std_msgs.msg import Empty, String
 
+from cmd_vel_guard import reports
 from cmd_vel_guard.qos import LATCHED
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
 from turtlebot_gym_ros import Every, Output, Shell
+from turtlebot_gym_ros.base.executor import FastGroup
 from turtlebot_gym_ros.blocks.kalman_filter import FIX
 from turtlebot_gym_ros.blocks.localizer import MAP_INPUT
 from turtlebot_gym_ros.blocks.waypoints import ROOM_GOAL
@@ -129,3 +135,35 @@ def test_a_robot_that_hears_another_type_of_command_is_named(make_bench):
     status = make_bench(enable_stamped_cmd_vel=False).report("/cmd_vel: /peer has geometry_msgs/msg/TwistStamped, this node ")
     assert status.level == DiagnosticStatus.ERROR
     assert "Start this one with -p enable_stamped_cmd_vel:=true" in status.message
+
+
+@pytest.mark.parametrize("group", [None, FastGroup])
+def test_a_callback_that_fails_on_a_message_ends_nothing_and_is_counted_and_reported(peer, another_runner, wait_for, group):
+    worker, heard = Node("worker", context=another_runner.context), []
+
+    def hear(message):
+        heard.append(message.data)
+        if message.data != "good":
+            raise OverflowError(message.data)
+
+    worker.create_subscription(String, "work", hear, 10, callback_group=group and group(worker))
+    another_runner.add(worker)
+    publisher = peer.speak("work", String)
+    wait_for(publisher.get_subscription_count)
+    for text in ("x" * 100_000, "second", "good"):
+        publisher.publish(String(data=text))
+    wait_for(lambda: "good" in heard)
+    report = lambda: reports.report(worker, reports.OK, "runs", hardware="", values={}).status[0]  # noqa: E731
+    status = report()
+    assert (status.level, len(status.message) < 300) == (reports.WARN, True)
+    assert status.message.startswith("runs /work: refused: OverflowError: ")
+    assert (status.values[0].key, status.values[0].value) == ("callbacks that failed", "2")
+    assert (report().level, report().message) == (reports.OK, "runs")
+
+
+def test_a_request_that_rclpy_itself_cannot_read_is_answered_and_ends_nothing(peer, another_runner, wait_for):
+    worker = Node("worker", context=another_runner.context)
+    another_runner.add(worker)
+    bad = ParameterMsg(name="x", value=ParameterValue(type=99))
+    assert peer.ask("worker/set_parameters", SetParameters, SetParameters.Request(parameters=[bad])).results == []
+    assert peer.ask("worker/list_parameters", ListParameters, ListParameters.Request()).result.names

@@ -1,12 +1,18 @@
 """The controller: the environment's observation, the policy's action, a command within the robot's limits."""
 
+from dataclasses import replace
+
 import numpy as np
+import own_terms
 import pytest
+from std_msgs.msg import Bool
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import Belief, Covariance, Pose, State
+from turtlebot_gym_agents.policies.bundle import term_on
 from turtlebot_gym_ros.blocks import VelocityController
+from turtlebot_gym_ros.blocks.controller import _input_of
 
 REFERENCE = Pose(2.0, 0.0, 0.0)
 VARIANCES = dict.fromkeys(Covariance._fields, 0.0) | {"xx": 0.03, "yy": 0.01, "tt": 0.04}
@@ -70,3 +76,19 @@ def test_who_sees_needs_a_scan_of_the_last_half_second_and_nobody_else_hears_one
     scan = controller(policy="vfh").inputs["scan"]
     assert (scan.topic, scan.required, scan.max_age) == ("scan", True, 0.5)
     assert "scan" not in controller().inputs
+
+
+def bundle_term(name, low, high, source=""):
+    """Return a term as a bundle's card has it."""
+    return term_on("a.onnx", {"name": name, "low": low, "high": high, "source": source})
+
+
+NAMED = {term.name: replace(term, source=f"own_terms:{term.name.upper()}") for term in (own_terms.BUMPER, own_terms.GAPS)}
+
+
+def test_a_bundles_term_is_brought_by_the_topic_that_a_person_names():
+    source = _input_of(bundle_term("bumper", [0.0], [1.0]), NAMED)
+    assert (source.topic, source.message, source.max_age, source.lasts) == ("bumper", "std_msgs/msg/Bool", 0.5, 0.0)
+    assert source.read(Bool(data=True)) == (1.0,)
+    slow = _input_of(replace(own_terms.BUMPER, lasts=3.0), {})
+    assert (slow.max_age, slow.lasts) == (0.5, 2.5)
