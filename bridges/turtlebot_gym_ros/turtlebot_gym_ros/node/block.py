@@ -161,8 +161,8 @@ COMMANDED = Input(topic="cmd_vel", type=Command, max_age=None, required=False, l
 SCAN = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False, sole=True)
 """The input of a block that sees by LiDAR."""
 INITIAL_POSE = Input(topic="initialpose", type=InitialPose, required=False, max_age=None, once=True, measured=False)
-"""The input of an estimator that a person or program shows where the robot is. Nav2's clients send it again and again with the
-stamp of its first time until they hear the estimate, so its age does not count."""
+"""The input of an estimator that is shown where the robot is. Nav2's clients send it with the stamp of its first time again and
+again until they hear the estimate, so its age does not count."""
 RESUME = Input(topic="resume", type=Resume, required=False, once=True, lock_step="absent")
 """The input of a filter that a person lets go on."""
 
@@ -199,10 +199,10 @@ class On:
 class Block(Protocol):
     """A block, which the shell turns into a node.
 
-    It may also have a ``notice``, one line for users or None, which is logged and shown in the diagnostics; a ``fault``, a line
-    that is shown as an error; ``figures``, numbers by name, which the diagnostics show; ``services``, functions without
-    arguments by name, which the node offers as ``std_srvs/Empty``; ``nav2_name``, the node of Nav2 for which it stands, so that
-    clients find that one active; and ``pause``, called instead of ``reset`` after a gap in the messages on which it runs.
+    It may also have a ``notice``, one line for users or None, which is logged and shown in the diagnostics; a ``fault``, shown
+    as an error; ``figures``, numbers by name; ``services``, functions without arguments by name, offered as ``std_srvs/Empty``;
+    ``nav2_name``, the node of Nav2 for which it stands, so that clients find that one active; and ``pause``, called instead of
+    ``reset`` after a gap in the messages on which it runs.
     """
 
     @property
@@ -226,9 +226,8 @@ class Block(Protocol):
 
     @property
     def step(self) -> Callable[..., Mapping[str, Any]]:
-        """A method ``step(dt, **inputs)`` that returns the outputs by name.
+        """A method ``step(dt, **inputs)`` that returns the outputs by name, from the values of the declared inputs.
 
-        ``dt`` is the time since the last step, s; 0 on the first step of a block that runs on messages. The inputs are the
-        values of the declared inputs, by name.
+        ``dt`` is the time since the last step, s; 0 on the first step of a block that runs on messages.
         """
         ...

@@ -66,14 +66,10 @@ def register(
     *,
     in_world: bool = False,
 ) -> None:
-    """Register the conversion of a type of value.
+    """Register the conversion of a type of value, that blocks take and return, to a type of message.
 
-    Args:
-        value_type: Type that blocks take and return.
-        message_type: Type on the topic.
-        read: ``read(message)`` returns the value, or raises ``ValueError`` to refuse the message.
-        write: ``write(value, header)`` returns the message, or raises ``ValueError``.
-        in_world: Whether the header must name the world frame.
+    ``read(message)`` returns the value, ``write(value, header)`` the message; either raises `ValueError` to refuse. With
+    ``in_world`` the header must name the world frame.
     """
     CONVERSIONS[value_type] = Conversion(message_type, read, write, in_world)
 

@@ -40,10 +40,8 @@ from turtlebot_gym_ros.node.switch import Switch
 
 P = TypeVar("P")
 
-WATCH_PERIOD = 0.02
-"""Period of the watchdog thread, s."""
-REPORT_PERIOD = 1.0
-"""Period of the diagnostics, s."""
+WATCH_PERIOD, REPORT_PERIOD = 0.02, 1.0
+"""Periods of the watchdog thread and of the diagnostics, s."""
 
 
 class Shell:
@@ -52,6 +50,8 @@ class Shell:
     Besides the block's topics it has the service ``~/reset`` (Trigger), subscribes to ``reset`` (Empty), on which the plant
     announces its resets, and publishes ``/diagnostics``. If an output has a ``stop``, it also has a `Switch`, and a block that
     runs by the clock waits until that output has a listener. With ``lock_step`` it runs by the steps' stamps (`lockstep`).
+
+    A parameter that is unknown, of the wrong type or out of range, or that ``make`` refuses, raises `ValueError`.
 
     Args:
         make: Makes the block from its parameters: usually its class.
@@ -62,9 +62,6 @@ class Shell:
         overrides: Values of parameters.
         arguments: ROS arguments for this node only: parameters, remappings.
         now: The steady clock, s.
-
-    Raises:
-        ValueError: If a parameter is unknown, of the wrong type or out of range, or ``make`` refuses it.
     """
 
     def __init__(
@@ -256,8 +253,7 @@ class Shell:
                 with self.switch.safety.lock:  # so that what is enabled now does not stop by what it forgets
                     if (why := self.inputs.halted(now)) and self.switch.safety.enabled:
                         self._fault(why)
-                stale = self._missing(now)
-                if stale and self.switch.safety.phase == "active":
+                if self.switch.safety.phase == "active" and (stale := self._missing(now)):
                     self._waits = stale
                     self.switch.stop(stale)
                 self.switch.watch()
@@ -273,8 +269,7 @@ class Shell:
         faults = self._drive.trouble(), self._trouble and f"fault: {self._trouble}", getattr(self.block, "fault", None)
         problems = [NodeProblem(WARN, why) for why in remarks if why] + [NodeProblem(ERROR, why) for why in faults if why]
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
-        values = {"state": state, "steps": self._steps, "results dropped": self._dropped}
-        values |= getattr(self.block, "figures", {})
+        values = {"state": state, "steps": self._steps, "results dropped": self._dropped} | getattr(self.block, "figures", {})
         for feed in self.feeds.values():
             values |= feed.figures(now)
         self._reporter.publish(problems, state, values)
@@ -284,10 +279,7 @@ class Shell:
         return self.switch.at_rest() if self.switch else nullcontext()
 
     def close(self) -> None:
-        """Stop the robot if it moves, wait until all messages are delivered, and destroy the node.
-
-        After a shutdown of the context, which ends all messages, it only destroys the node.
-        """
+        """Stop the robot if it moves, wait until messages are delivered unless the context has ended, and destroy the node."""
         if self._closing:
             return
         self._closing = True
@@ -302,9 +294,5 @@ class Shell:
 
 
 def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None = None, *, name: str | None = None) -> int:
-    """Run a block as a node until a signal ends it; see `Shell` for its arguments, and `process.run` for the command line.
-
-    Returns:
-        The exit code 2, with one line on stderr, if the parameters were refused. Otherwise the process ends.
-    """
+    """Run a block as a node until a signal ends it; see `Shell` for its arguments, and `process.run` for the command line."""
     return process.run([partial(Shell, make, params, name=name)], argv, executor=FastExecutor, in_thread=True)
