@@ -37,7 +37,7 @@ REFUSED = [
     ("turtlebot_simulator", {"world": "dense", "random_start": True}, "random_start must be false"),
     ("turtlebot_simulator", {"world": "dense", "lidar": "ideal", "period": 0.2}, "at most one scan in a control interval"),
     ("waypoint_generator", {"switch": "never"}, "switch must be one of"),
-    ("waypoint_generator", {"waypoints": "/nowhere.yaml"}, "cannot read '/nowhere.yaml'"),
+    ("waypoint_generator", {"waypoints": "/nowhere.yaml"}, "got '/nowhere.yaml'"),
 ]
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from turtlebot_gym.config import NON_NEGATIVE, POSITIVE, Range, check_fields, short_repr
+from turtlebot_gym.config import NON_NEGATIVE, POSITIVE, Range, check_fields
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.files import load
 from turtlebot_gym.models.angles import sincos
@@ -19,7 +19,6 @@ from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arr
 from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output
 from turtlebot_gym_ros.node.errand import Errand, Failure
-from turtlebot_gym_ros.node.places import FARTHEST, place
 
 ROOM_GOAL = Input(topic="room_goal", type=Pose, required=False, lock_step="same", sole=True)
 
@@ -183,31 +182,14 @@ class WaypointGenerator:
         return estimate is not None and believed_to_arrive(estimate.belief.mean, reference, self._task)
 
 
-def _load_waypoints(path: str) -> list[Pose]:
-    """Read waypoints from a file: a YAML list of ``[x, y, theta]`` or of mappings, or CSV lines with or without a header.
-
-    Raises `ValueError` with the file and the entry.
-    """
-    file = Path(path).expanduser()
+def _load_waypoints(path: str) -> Any:
+    """Read a list of ``[x, y, theta]`` from YAML, or lines of CSV with or without a header; `Options` checks the numbers."""
     try:
+        file = Path(path).expanduser()
         if file.suffix == ".csv":
-            rows: Any = [row for row in csv.reader(file.read_text("utf-8-sig").splitlines()) if row and row[0][:1] != "#"]
-            rows = rows[1:] if rows and [cell.strip() for cell in rows[0]] == ["x", "y", "theta"] else rows
-        elif file.suffix in (".yaml", ".yml"):
-            content = load(file)
-            rows = content.get("waypoints") if isinstance(content, dict) else content
-        else:
-            raise ValueError("it must be 'square', 'room', or a .yaml, .yml or .csv file")
-    except (ValueError, OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"waypoints: cannot read {path!r}: {error}") from error
-    if not isinstance(rows, list):
-        raise ValueError(f"waypoints: {path!r} must hold a list of waypoints, got {short_repr(rows)}.")
-    poses = []
-    for number, row in enumerate(rows, start=1):
-        try:
-            named = row if isinstance(row, dict) else dict(zip(("x", "y", "theta"), row, strict=True))
-            poses.append(place(**{name: float(value) for name, value in named.items()}))
-        except (TypeError, ValueError, OverflowError) as error:
-            rule = f"x, y and theta of finite poses within {FARTHEST:g} m"
-            raise ValueError(f"waypoints: entry {number} of {path!r} must be {rule}, got {short_repr(row)}.") from error
-    return poses
+            rows = csv.reader(file.read_text("utf-8-sig").splitlines())
+            return [row for row in rows if row and row[0].strip()[:1] not in ("#", "x")]
+        content = load(file)
+    except (ValueError, OSError, csv.Error) as error:
+        raise ValueError(f"waypoints must be 'square', 'room', or a .yaml or .csv file, got {path!r}: {error}") from error
+    return content.get("waypoints") if isinstance(content, dict) else content
