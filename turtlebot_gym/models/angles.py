@@ -75,18 +75,3 @@ def sincos(angle: float) -> tuple[float, float]:
     a = cosine if odd else sine
     b = sine if odd else cosine
     return (-a if part >= 2.0 else a), (-b if (part == 1.0) | (part == 2.0) else b)
-
-
-def yaw_of_quaternion(w: float, x: float, y: float, z: float) -> float:
-    """Return the heading of a rotation given as a unit quaternion, rad, in [-pi, pi]."""
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def yaw_of_rotation(w: float, x: float, y: float, z: float) -> float:
-    """Return the heading of a rotation given as a unit quaternion, rad, in [-pi, pi).
-
-    About the vertical axis half the heading is the angle of (w, z), which loses no bit; elsewhere see `yaw_of_quaternion`.
-    """
-    half = math.atan2(z, w) if w >= 0.0 else math.atan2(-z, -w)  # q and -q are the same rotation
-    yaw = 2.0 * half if x == y == 0.0 else yaw_of_quaternion(w, x, y, z)
-    return -PI if yaw >= PI else yaw

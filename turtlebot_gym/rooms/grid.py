@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.config import FINITE, POSITIVE, Numbers
-from turtlebot_gym.models.angles import yaw_of_rotation
+from turtlebot_gym.mounts import yaw_of_rotation
 from turtlebot_gym.rooms.cells import LARGEST
 from turtlebot_gym.rooms.field import field_of_cells, field_of_hits
 from turtlebot_gym.rooms.scene import Scene, Walls

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.beams import Beams, beams_of
-from turtlebot_gym.models.angles import sincos, yaw_of_rotation
+from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
+from turtlebot_gym.mounts import yaw_of_rotation
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.values import ORIGIN, Pose, State

@@ -59,7 +59,8 @@ from cmd_vel_guard.qos import EVERY, LATCHED, LATEST, PROMPT
 from cmd_vel_guard.report import Report
 from cmd_vel_guard.sent import Age, Ages, SystemClock, read_clocks
 from cmd_vel_guard.sources import BUTTONS, TF_STATIC, check_topics, hear_mounts, rivals
-from cmd_vel_guard.values import STOP, Command, Pose, yaw_of_rotation
+from cmd_vel_guard.values import STOP, Command, Pose
+from turtlebot_gym.mounts import yaw_of_rotation
 
 MOST = 100
 """Most waiting messages of the buttons that are taken at a time."""

@@ -10,7 +10,7 @@ from turtlebot_gym.values import STOP, Command, Pose
 if TYPE_CHECKING:
     from cmd_vel_guard.parameters import Parameters
 
-__all__ = ["STOP", "Command", "Mount", "Pose", "limit", "yaw_of_rotation"]
+__all__ = ["STOP", "Command", "Mount", "Pose", "limit"]
 
 ROUNDING = 1e-12
 """Excess over a limit that is left as it is."""
@@ -40,10 +40,3 @@ def limit(command: Command, robot: Parameters) -> Command:
     excess = max(v / robot.max_linear, omega / robot.max_angular, wheel / (robot.max_wheel or math.inf))
     excess = excess if excess > 1.0 + ROUNDING else 1.0
     return Command(forward / excess + 0.0, command.omega / excess + 0.0)  # adding 0 makes no zero negative
-
-
-def yaw_of_rotation(w: float, x: float, y: float, z: float) -> float:
-    """Return the heading of a rotation given as a quaternion, rad; about the vertical axis of any norm."""
-    if x == y == 0.0:
-        return 2.0 * (math.atan2(z, w) if w >= 0.0 else math.atan2(-z, -w))  # q and -q are the same rotation
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

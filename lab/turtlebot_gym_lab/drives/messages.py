@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive, RoomData, Seen
-from turtlebot_gym.models.angles import sincos, yaw_of_rotation
+from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
-from turtlebot_gym.mounts import StaticFrames, differ
+from turtlebot_gym.mounts import StaticFrames, differ, yaw_of_rotation
 from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
 from turtlebot_gym.rooms.grid import grid_of
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar

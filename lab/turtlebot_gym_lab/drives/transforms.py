@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.models.angles import wrap_all, yaw_of_rotation
+from turtlebot_gym.models.angles import wrap_all
+from turtlebot_gym.mounts import yaw_of_rotation
 from turtlebot_gym_lab.drives.streams import Stream
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from geometry_msgs.msg import Quaternion, TransformStamped, Twist
 from std_msgs.msg import Header
 
-from turtlebot_gym.models.angles import yaw_of_rotation
+from turtlebot_gym.mounts import yaw_of_rotation
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.node.places import finite, place
 
