@@ -10,9 +10,6 @@ from bench import NoParameters
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
-from rcl_interfaces.msg import Parameter as ParameterMsg
-from rcl_interfaces.msg import ParameterValue
-from rcl_interfaces.srv import ListParameters, SetParameters
 from rclpy.node import Node
 from rclpy.time import Time
 from std_msgs.msg import Empty, String
@@ -159,11 +156,3 @@ def test_a_callback_that_fails_on_a_message_ends_nothing_and_is_counted_and_repo
     assert status.message.startswith("runs /work: refused: OverflowError: ")
     assert (status.values[0].key, status.values[0].value) == ("callbacks that failed", "2")
     assert (report().level, report().message) == (reports.OK, "runs")
-
-
-def test_a_request_that_rclpy_itself_cannot_read_is_answered_and_ends_nothing(peer, another_runner, wait_for):
-    worker = Node("worker", context=another_runner.context)
-    another_runner.add(worker)
-    bad = ParameterMsg(name="x", value=ParameterValue(type=99))
-    assert peer.ask("worker/set_parameters", SetParameters, SetParameters.Request(parameters=[bad])).results == []
-    assert peer.ask("worker/list_parameters", ListParameters, ListParameters.Request()).result.names

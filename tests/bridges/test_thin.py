@@ -30,22 +30,3 @@ def test_filter_policy_and_guard_give_the_same_bits_without_what_trains_and_draw
     *lines, loaded = done.stdout.splitlines()
     assert [tuple(map(float.fromhex, line.split())) for line in lines] == drive()
     assert set(loaded.split()) <= {"numpy", "yaml"}
-
-
-NODES = """
-from importlib import import_module
-nodes = "blocks.waypoints blocks.controller blocks.kalman_filter node.shell graph.status"
-for name in [*nodes.split(), "blocks.localizer", "recording.logger"]:
-    import_module(f"turtlebot_gym_ros.{name}")
-import_module("cmd_vel_guard.guard")
-from turtlebot_gym_agents.policies.bundle import BundlePolicy
-print(*sorted(thin.installed()))
-"""
-
-
-def test_the_robots_nodes_load_nothing_beside_ros_that_the_extra_deploy_does_not_bring():
-    done = run(*without(NODES))
-    assert done.returncode == 0, done.stderr
-    foreign = {name for name in done.stdout.split() if not name.endswith(("_msgs", "_srvs", "_interfaces"))}
-    brought_by_rosbags = {"rosbags", "lz4", "zstandard", "backports", "ruamel", "apsw"}
-    assert foreign <= {"numpy", "yaml", "typing_extensions", *brought_by_rosbags}

@@ -59,24 +59,6 @@ def test_with_fixes_too_its_estimates_are_the_environments(filter, fix):
     assert count > 10
 
 
-@pytest.mark.parametrize(
-    ("age", "counts"), [(0.0, True), (0.5, True), (0.6, False), (60.0, False), (-0.05, True), (-0.2, False)]
-)
-def test_a_fix_of_long_ago_or_from_the_future_is_left_aside_and_noticed(age, counts):
-    nodes = [estimator(noise="wheel", takes_fixes=True) for _ in range(2)]
-    for node in nodes:
-        node.step(0.0, seen(0.0, 0.0, 0.0))
-        for k in range(1, 9):
-            node.step(0.1, seen(0.02 * k, 0.0, 0.0, AHEAD))
-    fix = Fix(Pose(0.1, 0.2, 0.0), (0.01, 0.01, math.inf), 0.0, True)
-    last = seen(0.18, 0.0, 0.0, AHEAD)
-    with_fix, without = nodes[0].step(0.1, last, fix=Stamped(fix, age)), nodes[1].step(0.1, last)
-    assert (with_fix["estimate"].belief != without["estimate"].belief) is counts
-    assert (nodes[0].notice is None) is counts
-    nodes[0].reset()
-    assert nodes[0].notice is None
-
-
 def test_after_a_reset_it_begins_again_wherever_the_robot_is():
     node, elsewhere = estimator(), seen(-1.0, 0.0, 0.5, COMMAND)
     node.step(0.0, seen(1.0, 2.0, 3.0))
