@@ -88,7 +88,7 @@ test-kilted: $(READY)  ## the guard and the live graph on ROS 2 Kilted, in an en
 	$(RUN)python -m venv .venv-kilted && grep -v '^ros-' constraints.txt > .venv-kilted/constraints.txt
 	.venv-kilted/bin/pip install --constraint .venv-kilted/constraints.txt --editable '.[ros-kilted,deploy,dev]'
 	.venv-kilted/bin/python -m pytest -m "not slow" tests/guard/test_guard.py \
-		tests/bridges/test_lockstep_graph.py tests/bridges/test_namespaces.py tests/bridges/test_convert.py
+		tests/bridges/test_lockstep_graph.py tests/bridges/test_graph.py tests/bridges/test_convert.py
 
 check: $(READY)  ## style, types, the direction of imports, and spelling
 	$(RUN)ruff check
