@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import sys
 import time
 from typing import Any, cast
 
@@ -76,7 +78,8 @@ def foxglove(argv: Any = None) -> int:
             while True:
                 relay.look()
                 if time.monotonic() > remark_at and (remark := remark_if_alone(node)):
-                    raise TimeoutError(remark.strip())
+                    remark_at = math.inf
+                    print(remark.strip(), file=sys.stderr, flush=True)
                 go_on()
                 time.sleep(LOOK)
     finally:
