@@ -1,15 +1,12 @@
 """Real ROS 2 for the tests: contexts and processes that are shut down, and waiting for states."""
 
 import functools
-import importlib.util
 import os
 import signal
 import subprocess
 import sys
 import time
 import warnings
-from importlib import import_module
-from pathlib import Path
 
 import pytest
 
@@ -22,8 +19,6 @@ except ImportError:
     pytest.skip("needs the extra [ros]", allow_module_level=True)
 
 from bench import PATIENCE, Bench, wait_for
-from rclpy.serialization import deserialize_message
-from rosbags.highlevel import AnyReader
 
 from cmd_vel_guard.discovery import prepare
 from cmd_vel_guard.process import Runner
@@ -113,14 +108,8 @@ def launch(tmp_path):
     started = []
 
     def start(*arguments, **environment):
-        process = subprocess.Popen(
-            [sys.executable, *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            cwd=tmp_path,
-            env={**os.environ, **environment},
-        )
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        process = subprocess.Popen([sys.executable, *arguments], cwd=tmp_path, env={**os.environ, **environment}, **pipes)
         started.append(process)
         return process
 
@@ -138,19 +127,12 @@ def launch(tmp_path):
             pytest.fail(f"{process.args} did not end at SIGTERM")
 
 
-def script(name):
-    """Return a script of the repository as a module: "benchmarks/faults"."""
-    path = Path(__file__).parents[2] / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name.replace("/", "_"), path)
-    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="session")
 def compare():
     """The comparison of the live graph with the environment, as a module."""
-    return script("tests/bridges/lockstep")
+    import lockstep
+
+    return lockstep
 
 
 @pytest.fixture(scope="session")
@@ -159,22 +141,6 @@ def busy():
     from harness.machine import busy
 
     return busy
-
-
-@pytest.fixture
-def read_bag():
-    def read(folder):
-        """Return the contents of a bag: messages by topic, in order."""
-        held = {}
-        with AnyReader([folder]) as reader:
-            for connection, _, data in reader.messages():
-                reader.deserialize(data, connection.msgtype)  # the definition is in the bag, and fits
-                package, _, name = connection.msgtype.split("/")
-                message = deserialize_message(data, getattr(import_module(f"{package}.msg"), name))
-                held.setdefault(connection.topic, []).append(message)
-        return held
-
-    return read
 
 
 @pytest.fixture

@@ -75,7 +75,9 @@ def test_each_of_two_robots_in_lock_step_drives_its_own_episode_to_the_bit(compa
     }
     with ExitStack() as stack:
         graphs = {
-            name: stack.enter_context(Graph(**drive._asdict(), goal_tolerance=0.0, namespace=name, processes=processes))
+            name: stack.enter_context(
+                Graph(**drive._asdict(), laps=50, goal_tolerance=0.0, namespace=name, processes=processes)
+            )
             for name, drive in drives.items()
         }
         for name, graph in graphs.items():
