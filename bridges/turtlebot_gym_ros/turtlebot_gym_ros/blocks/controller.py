@@ -68,7 +68,7 @@ class VelocityController:
     stops and releases the robot until the reference changes. With a LiDAR that is frozen, covered or mounted otherwise, by the
     rule of the guard's monitor (`scan_watch`) and the estimate's twist, it stands.
 
-    Inputs, in the world frame: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``),
+    Inputs: in the world frame ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``),
     ``following`` (`Pose`, on ``next_reference``; optional: the waypoint after it); ``nis`` (`Nis`, on ``nis``; optional, but
     for "evidence"); ``disagreement``, on which the robot stops until it is enabled; for a policy that sees ``scan`` (`Scan`, on
     ``scan``, of a full revolution); and ``own_NAME`` for each term of the policy's own. Outputs: ``command`` (`Command`, on
