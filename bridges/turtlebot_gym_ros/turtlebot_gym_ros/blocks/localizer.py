@@ -287,7 +287,6 @@ class Localizer:
             "localization": STATES[state],
             "fitting beams": f"{located.fits:.2f}",
             "weight of the best hypothesis": f"{located.weight:.2f}",
-            "scans without a fit": max(int(located.misfits), 0),
             "scans used": int(located.scans),
         }
         if state == LOST and self._params.when_lost == "stop":
