@@ -28,6 +28,7 @@ from turtlebot_gym.plotting import (
     legend_below,
 )
 from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.evaluation.record import DEGREES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
 CURVES = [(color, style) for color, style in PATHS if color in (BLUE, PURPLE, ORANGE)]
 """Colours and line styles of policies, filters and trainings; the other colours stand for truth, estimate and odometry."""
 _BAND = "#777777"
-DEGREES = 3
-"""Degrees of freedom of the NEES of a pose, and of the NIS of a measured one."""
 FALSE_ALARM = 0.05
 """Share of consistent filters whose mean is outside of the bounds at a time."""
 _MARGIN, _MARGIN_IN_ROOM = 0.4, 0.8
@@ -78,18 +77,11 @@ def plot_drives(axes: Axes, drives: Mapping[str, Drive]) -> Axes:
 def plot_consistency(
     axes: Axes, time: ArrayLike, values: ArrayLike, *, name: str = "NEES", label: str = "", at: int = 0
 ) -> Axes:
-    """Draw the mean NEES or NIS of several runs over time, and the chi-square bounds that hold it if the filter is consistent.
+    """Draw the mean NEES or NIS of runs, shape (runs, T) or (T,), over time, with the chi-square bounds of a consistent filter.
 
-    Above the bounds a filter is too sure of itself, below them too careful. The mean is drawn while at least half of the
-    runs drive.
-
-    Args:
-        axes: Axes to draw into.
-        time: Shape (T,), s.
-        values: NEES or NIS of each run, shape (runs, T), or of one, shape (T,); NaN where there is none.
-        name: "NEES" or "NIS".
-        label: Name of the filter in the legend.
-        at: Number of the curve, which chooses colour and line style.
+    Above the bounds a filter is too sure of itself, below them too careful. The mean is drawn while at least half of the runs
+    drive; NaN is where there is none. ``name`` is "NEES" or "NIS", ``label`` the filter's in the legend, and ``at`` the number
+    of the curve, which chooses its look.
     """
     from scipy.stats import chi2  # slow to import
 
@@ -115,13 +107,7 @@ def plot_consistency(
 def plot_learning(axes: Axes, runs: Sequence[Sequence[Mapping[str, float]]], *, measure: str = "success") -> Axes:
     """Draw a number of the evaluations during training; for several seeds each, their mean and its 95 % interval.
 
-    Args:
-        axes: Axes to draw into.
-        runs: Evaluations of each seed, as in ``history`` of a run's result.json.
-        measure: A name in `LEARNING`.
-
-    Raises:
-        ValueError: If a run has no evaluations.
+    ``runs`` are the evaluations of each seed, as in ``history`` of a run's result.json; ``measure`` is a name in `LEARNING`.
     """
     from matplotlib.ticker import EngFormatter  # heavy
 
@@ -159,15 +145,9 @@ def learning_figure(runs: Sequence[Sequence[Mapping[str, float]]], *, title: str
 
 
 def drives_figure(drives: Mapping[str, Drive], *, title: str, below: Sequence[str] = ()) -> tuple[Figure, dict[str, Axes]]:
-    """Return a figure with a panel for each drive and one with all paths; of a single drive also its course in time.
+    """Return a figure with a panel for each drive and one with all paths, and empty panels ``below`` by their names.
 
-    Args:
-        drives: Label and drive of each.
-        title: Title of the figure.
-        below: Names of further panels, which stay empty.
-
-    Returns:
-        The figure, and its further panels by name.
+    A single drive is also shown in its course over time.
     """
     labels = [*drives, *([ALL] if 1 < len(drives) <= len(CURVES) else [])]
     columns = min(len(labels), 2 if len(labels) == 4 else 3 if len(labels) <= 6 else 4)

@@ -69,12 +69,7 @@ def keywords(kind: type, *left_out: str) -> Any:
 
 
 def takes(kind: type, *left_out: str) -> Callable[[F], F]:
-    """Return a decorator that gives the keyword arguments ``options`` of a function the fields of a dataclass.
-
-    Args:
-        kind: The dataclass.
-        *left_out: Fields that are not among them.
-    """
+    """Return a decorator that gives the keyword arguments ``options`` of a function the fields of a dataclass, but for some."""
 
     def typed(function: F) -> F:
         function.__annotations__["options"] = Unpack[keywords(kind, *left_out)]

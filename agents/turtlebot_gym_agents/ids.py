@@ -9,11 +9,14 @@ SHORT = {name.lower(): f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "
 """Ids of the package's environments by their short names."""
 
 
-def environment_id(name: str) -> str:
+def environment_id(name: str | None, options: Mapping[str, Any] = {}) -> str:
     """Return the id that a short name stands for, in any case: ``nav`` and ``Nav`` are ``turtlebot_gym/TurtleBotNav-v0``.
 
-    Every other text is returned as it is; whether an environment is registered under that id is not checked here.
+    None stands for rooms where options name a world or a LiDAR, otherwise for nav. Every other text is returned as it is;
+    whether an environment is registered under that id is not checked here.
     """
+    if name is None:
+        name = "nav" if options.get("world") is None and options.get("lidar") is None else "rooms"
     return SHORT.get(name.lower(), name) if isinstance(name, str) else name
 
 

@@ -21,16 +21,10 @@ FIGURE = OutputFile((".png", ".pdf", ".svg"))
 def require_outputs(
     outputs: Iterable[tuple[str, Path | str | None, OutputFile]], *, inputs: Iterable[object] = (), force: bool = False
 ) -> None:
-    """Refuse files that cannot or should not be written; missing folders are created.
+    """Refuse files that cannot or should not be written, each given as option, path or None, and kind; make missing folders.
 
-    Args:
-        outputs: Option, path and kind of each; None is no output.
-        inputs: Values of the other options: files among them, and in their folders, are not overwritten even with force.
-        force: Whether files that exist are overwritten.
-
-    Raises:
-        ValueError: With one line that names the option, the path and the rule.
-        OSError: If a folder cannot be created.
+    Files among ``inputs``, the values of other options, and in their folders, are never overwritten; others that exist only
+    with ``force``. A refusal is one line that names the option, the path and the rule.
     """
     read = [
         Path(value).resolve() for value in inputs if isinstance(value, (str, Path)) and value != "" and Path(value).exists()

@@ -36,12 +36,9 @@ def libraries() -> dict[str, str | None]:
 
 
 def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, Any]) -> None:
-    """Write a result with its configuration and its provenance.
+    """Write a result with its configuration, the seed among it, and its provenance; the file is replaced atomically.
 
-    Args:
-        path: The file, replaced atomically; its folder is created if missing.
-        result: Numbers, arrays and nested containers of them; NaN and infinity are written as null, which is valid JSON.
-        config: Configuration of the result, including the seed.
+    NaN and infinity are written as null, which is valid JSON.
     """
     text = json.dumps(plain({"config": config, **provenance(), **result}), indent=1, allow_nan=False)
     write_text(path, text + "\n")

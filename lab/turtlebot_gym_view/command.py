@@ -30,7 +30,7 @@ NONE: EnvironmentOptions = {}
 def watch(
     *,
     policy: tuple[str, ...] = ("bearing",),
-    env: str = "nav",
+    env: str | None = None,
     seed: int = 0,
     allow_mismatch: bool = False,
     drive: tuple[Path, ...] = (),
@@ -49,7 +49,8 @@ def watch(
 
     Args:
         policy: Policies as for evaluate, at most six; all drive the same episode.
-        env: Environment: nav, pose, square, rooms, missions, or the id of another one.
+        env: Environment: nav, pose, square, rooms, missions, or the id of another one; by default rooms
+            where a world or a LiDAR is given, otherwise nav.
         seed: Seed of the episode.
         allow_mismatch: Also drive policies made for another task, observation, robot or rate.
         drive: Recorded drives instead of episodes, as calibrate and replay take them.
@@ -90,7 +91,13 @@ def page_of(drives: Sequence[Drive], *, title: str, side_by_side: bool = False) 
 
 
 def episodes(
-    policies: Sequence[Any], *, env: str, seed: int, allow_mismatch: bool = False, side_by_side: bool = False, **options: Any
+    policies: Sequence[Any],
+    *,
+    env: str | None,
+    seed: int,
+    allow_mismatch: bool = False,
+    side_by_side: bool = False,
+    **options: Any,
 ) -> Page:
     """Drive an episode with each policy, and return their page.
 
@@ -100,7 +107,7 @@ def episodes(
     from turtlebot_gym_agents.evaluation.recording import record_episode
 
     require_number(len(policies), side_by_side=side_by_side)
-    given = {"env": environment_id(env), "seed": seed, **options}
+    given = {"env": environment_id(env, options), "seed": seed, **options}
     require_drivers(policies, allow_mismatch=allow_mismatch, **given)
     drives = [record_episode(policy, allow_mismatch=allow_mismatch, **given) for policy in policies]
     return page_of(drives, title=title_of(given), side_by_side=side_by_side)
@@ -113,14 +120,11 @@ def require_drivers(policies: Sequence[Any], *, env: str, seed: int, allow_misma
         ValueError: If an argument is unknown or out of its range, or a policy does not match the environment.
     """
     from turtlebot_gym_agents.evaluation.driving import driven
-    from turtlebot_gym_agents.evaluation.evaluate import driver_of, make_envs, require_known
+    from turtlebot_gym_agents.evaluation.evaluate import driving, require_known
 
     require_known(env, seed)
-    envs = make_envs(env, 1, **options)
-    try:
-        for policy in policies if len(policies) > 1 else ():  # the only one is refused as early by its drive
-            steps = driven(envs, driver_of(policy, envs, allow_mismatch=allow_mismatch), seed=seed, episodes=1)
+    for policy in policies if len(policies) > 1 else ():  # the only one is refused as early by its drive
+        with driving(policy, env, 1, allow_mismatch=allow_mismatch, **options) as (envs, driver):
+            steps = driven(envs, driver, seed=seed, episodes=1)
             next(steps)
             next(steps)
-    finally:
-        envs.close()

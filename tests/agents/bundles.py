@@ -7,7 +7,8 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from turtlebot_gym_agents.policies.bundle import Card, write_bundle
+from turtlebot_gym.observations import OPEN_GROUND
+from turtlebot_gym_agents.policies.bundle import Card, described, write_bundle
 from turtlebot_gym_agents.policies.fit import describe_robot
 
 CARD = Card(
@@ -17,6 +18,7 @@ CARD = Card(
     noise="tutorial",
     filter="matched",
     observation="ekf",
+    terms=described(OPEN_GROUND),
     training={"seed": 3, "sha256": "0" * 64},
 )
 WEIGHTS = np.random.default_rng(0).normal(size=(13, 2)).astype(np.float32)

@@ -111,9 +111,7 @@ def test_evidence_equals_the_environments_with_an_external_localizer():
         shown.add(estimate.weight)
         episode.act(deployment.action.tolist())
     assert len(shown) > 2
-    with pytest.raises(
-        ValueError, match=r"^evidence must be the share of fitting beams and the weight .* reads 'evidence', got None"
-    ):
+    with pytest.raises(ValueError, match=r"^evidence must be shares of fitting beams .* reads 'evidence', got None"):
         deployment.act(**INPUTS)
     with pytest.raises(ValueError, match=r"^evidence\[1\] must be a probability"):
         deployment.act(**INPUTS, evidence=(0.5, 1.1))
@@ -258,7 +256,7 @@ def test_robot_and_period_are_those_on_the_card():
 
 
 def test_a_policy_without_sight_refuses_scans():
-    with pytest.raises(ValueError, match=r"^scan must be None for a policy without scans"):
+    with pytest.raises(ValueError, match=r"^scan must be None for a policy that reads no 'scan'"):
         Deployment("bearing").act(**INPUTS)
 
 

@@ -19,7 +19,6 @@ import turtlebot_gym_agents as front
 from turtlebot_gym.drive import position_error
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym_agents import compare, drive, evaluate, export, make_policy, replay, train, watch
-from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.result import title_of
 from turtlebot_gym_agents.front import satellites
 from turtlebot_gym_agents.front.results import name_of
@@ -121,8 +120,8 @@ def test_a_comparison_is_of_each_policy_in_each_setting(compared):
 
 
 def test_options_are_named_in_the_title():
-    title = str(compare("bearing", episodes=2, filter=own_parts.Extended, reward={own_parts.SPIN: 2.0}, noise="clean"))
-    assert "2 episodes from seed 0, filter Extended, reward spin 2.0, noise clean" in " ".join(title.split())
+    title = str(compare("bearing", episodes=2, filter=own_parts.Extended, noise="clean"))
+    assert "2 episodes from seed 0, filter Extended, noise clean" in " ".join(title.split())
 
 
 def test_objects_of_ones_own_have_a_label_each():
@@ -157,15 +156,11 @@ def test_a_drive_in_a_room_has_its_walls_in_arrays_and_in_its_plot(in_a_room, tm
     assert limits[0] <= x - length < x + length <= limits[1]
     assert limits[2] <= y - width < y + width <= limits[3]
     assert len(axes.patches) >= 1 + boxes
-    without = drive("bearing", noise="clean").plot(Figure().subplots())
-    assert not without.patches
 
 
 def test_trainings_have_their_learning_curves_and_an_interval(trained):
     assert trained["success"].shape == (2, 2)
     assert trained["steps"].tolist() == [512.0, 1024.0]
-    value, low, high = trained.interval("return")[-1]
-    assert (value, low, high) == metrics.mean(trained["return"][:, -1])
     axes = trained.plot(Figure().subplots(), name="return")
     assert [text.get_text() for text in axes.get_legend().get_texts()] == [
         *("mean of 2 seeds", "95 % interval of the mean"),
@@ -175,17 +170,17 @@ def test_trainings_have_their_learning_curves_and_an_interval(trained):
 
 
 def test_a_training_drives_in_a_comparison_and_by_its_file(trained):
-    assert trained.policy in trained.policies
-    assert trained.policies[0].parent.name == "seed-0"
+    assert trained.policy.parent in trained.folders.values()
+    assert trained.folders[0].name == "seed-0"
     (label, first), _ = compare(trained, "bearing", episodes=3).evaluations.items()
-    assert label == str(trained.policies[0].parents[1])
+    assert label == str(trained.folders[0].parent)
     np.testing.assert_array_equal(first["time"], evaluate(trained.policy, episodes=3)["time"])
     assert make_policy(trained.policy)(np.zeros(13, np.float32)).shape == (2,)
 
 
 def test_a_training_goes_into_a_folder_once(trained, tmp_path):
     with pytest.raises(ValueError, match="holds a run already: choose another folder"):
-        train("nav", trained.policies[0].parent, **QUICK)
+        train("nav", trained.folders[0], **QUICK)
     config = TrainingConfig(env="nav", config=SMALL, evaluations=1, episodes=4)
     assert config.env == "turtlebot_gym/TurtleBotNav-v0"
     with pytest.raises(ValueError, match="seeds must be a whole number"):
@@ -202,6 +197,7 @@ def test_a_model_of_another_library_becomes_a_bundle(tmp_path):
     assert exported.card.env == "turtlebot_gym/TurtleBotPose-v0"
     assert exported.card.terms[-1]["source"] == "own_terms:SPEEDOMETER"
     assert re.fullmatch(rf"{re.escape(str(exported.policy))}: .* bytes, for .*Pose-v0; its actions differ .*", str(exported))
+    del own["reward"]  # which no number of an evaluation depends on
     assert evaluate(exported, env="pose", noise="clean", episodes=2, **own).label == str(exported.policy)
 
 

@@ -41,6 +41,6 @@ def test_the_best_model_so_far_drives_all_episodes_at_the_end_if_the_last_one_is
     evaluation.init_callback(model)
     for steps, episodes in ((1, INTERIM), (2, 2 * INTERIM)):
         model.num_timesteps = steps
-        evaluation.run(episodes)
+        evaluation._run(episodes)
     assert evaluation.best["steps"] == kept
     assert evaluation.best["return"] == pytest.approx(np.mean(returns[kept]))

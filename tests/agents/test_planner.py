@@ -144,7 +144,7 @@ def test_a_path_over_ground_seen_to_be_free_is_preferred_to_a_slightly_shorter_o
         seen[SIDE // 2 : SIDE // 2 + 2, SIDE // 2 + 10] = grid.CERTAIN
         seen[SIDE // 2 + side * np.arange(2, 9), SIDE // 2 : SIDE // 2 + 20] = grid.FREED
         failed_attempts, ways, stamp = np.zeros_like(seen), np.zeros_like(seen), PlannerPolicy()._stamp
-        grid.plan(seen, failed_attempts, ways, False, 0.0, 0.1, 2.0, 0.1, stamp, 4.0, 1.0, 6, 4, target)
+        grid.plan(seen, failed_attempts, ways, False, (0.0, 0.1), (2.0, 0.1), stamp, 4.0, 1.0, 6, 4, target)
         assert np.sign(target[1] - 0.1) == side
 
 
@@ -156,7 +156,7 @@ def test_the_last_path_is_kept_until_another_is_much_shorter_or_the_robot_is_stu
         seen[SIDE // 2 - 8 : SIDE // 2 + 8, SIDE // 2 + 10] = grid.CERTAIN
         sides = []
         for _ in range(2):
-            grid.plan(seen, failed_attempts, ways, stuck, 0.0, 0.02, 2.0, 0.02, stamp, 4.0, 1.0, 4, habit, target)
+            grid.plan(seen, failed_attempts, ways, stuck, (0.0, 0.02), (2.0, 0.02), stamp, 4.0, 1.0, 4, habit, target)
             sides.append(np.sign(target[1]))
             end = SIDE // 2 + 8 if sides[0] > 0 else SIDE // 2 - 8 - grows
             seen[end : end + grows, SIDE // 2 + 10] = grid.CERTAIN

@@ -126,9 +126,11 @@ def test_vfh_keeps_to_the_side_that_it_chose_until_its_row_is_forgotten(name):
     assert kept < 0.0 < turned
 
 
-def change(kind, number, span, others, rows):
-    """Return how far apart the actions at both ends of a number's range are, given the other numbers."""
-    low, high = (kind(**(others | {number: end})) for end in (span.low, span.high))
+def change(kind, number, others, rows):
+    """Return how far apart the actions with a small and with a large number are, given the other numbers."""
+    low, high = (
+        kind(**(others | {number: value})) for value in (0.3 * getattr(kind, number) + 1e-3, 3.0 * getattr(kind, number) + 0.3)
+    )
     for policy in (low, high) * 4:
         policy(rows[::-1])  # for a memory
     return np.abs(low(rows) - high(rows)).max()
@@ -137,10 +139,10 @@ def change(kind, number, span, others, rows):
 @pytest.mark.parametrize("name", IN_ROOMS)
 def test_every_tunable_number_changes_what_a_policy_does(name):
     kind, rows, random = POLICIES[name], random_sights(40), np.random.default_rng(1)
-    for number, span in kind.ranges().items():
-        # Brake matters only if clear is small, so the others are drawn.
-        drawn = [{key: random.uniform(bounds.low, bounds.high) for key, bounds in kind.ranges().items()} for _ in range(6)]
-        assert any(change(kind, number, span, others, rows) > 0.01 for others in drawn), number
+    numbers = rules(kind).keys() - {"dt"}
+    for number in numbers:
+        drawn = [{key: random.uniform(0.5, 2.0) * getattr(kind, key) for key in numbers} for _ in range(6)]
+        assert any(change(kind, number, others, rows) > 0.01 for others in drawn), number
 
 
 @pytest.mark.parametrize("name", POLICIES)

@@ -178,7 +178,7 @@ def test_a_robot_turns_to_tell_who_walks_and_waits_behind_it_from_a_frozen_part(
             command = robot.act((x, y, theta), np.zeros(3), before, scan, (1.5, 0.0, 0.0))
         except ValueError as refused:
             command, why = STOP, str(refused)
-        notices.append(robot.seen_space.notice)
+        notices.append(robot.notice)
         x, y = x + before.v * PERIOD * math.cos(theta), y + before.v * PERIOD * math.sin(theta)
         theta, before = theta + before.omega * PERIOD, command
     assert "the robot turns: a part of its LiDAR seems to be covered or frozen" in notices

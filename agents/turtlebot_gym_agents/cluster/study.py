@@ -32,21 +32,13 @@ class _Result(NamedTuple):
 
 
 def study(grid: StudyGrid, folder: Path, *, cluster: str | None = None, workers: int | None = None) -> list[dict[str, Any]]:
-    """Return the results of policies and trainings in each cell.
+    """Return the results of policies and trainings in each cell of a study.
 
-    Args:
-        grid: The study.
-        folder: Folder of the study. joblib keeps finished jobs there, which the same commit does not repeat on the same files;
-            ``policies`` holds the trained ones.
-        cluster: Where the jobs run, as for `workers.run`.
-        workers: Number of processes.
+    joblib keeps finished jobs in the folder, which the same commit does not repeat on the same files; ``policies`` in it holds
+    the trained ones. Jobs run where `workers.run` says.
 
-    Returns:
-        Per cell its setting; per policy a summary and the paired difference of times to the baseline, s; per training the
-        result of `evaluation.comparison.compare`, with p-values corrected over the whole study (Holm).
-
-    Raises:
-        ValueError: If a job fails.
+    Each result has the cell's setting; per policy a summary and the paired difference of times to the baseline, s; per training
+    the result of `evaluation.comparison.compare`, with p-values corrected over the whole study (Holm).
     """
     from joblib import Memory
 
@@ -62,7 +54,7 @@ def study(grid: StudyGrid, folder: Path, *, cluster: str | None = None, workers:
         for policy in grid.policies:
             labels.append((at, policy, None))
             jobs.append(partial(drive, {**request, "policy": policy}, (code, _files_in([policy, *cell.values()]))))
-    done = dict(zip(labels, run(jobs, cluster=cluster, workers=workers), strict=True))
+    done = dict(zip(labels, run(jobs, cluster, workers), strict=True))
     for (at, name, seed), result in done.items():
         if result.bundle:
             path = folder / "policies" / f"cell {at}, {name}, seed {seed}.onnx"

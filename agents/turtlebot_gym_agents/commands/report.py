@@ -30,13 +30,7 @@ MORE = ("efficiency", "reached", "miss", "effort")
 
 
 def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, details: bool = True) -> tuple[Table, ...]:
-    """Return tables of results, and with details of the errors of estimate and odometry.
-
-    Args:
-        evaluations: Label and evaluation of each, on the same seeds.
-        title: Title of the figure or table.
-        details: Whether to return more than what decides between policies.
-    """
+    """Return tables of results by label, on the same seeds; with details, of more than what decides between policies."""
     first = next(iter(evaluations.values()))
     details = details or first.config.get("switch") == "time"  # then no time decides
     columns = ("efficiency", "reached", "miss, m", "effort", "false arrivals, %") if details else ()

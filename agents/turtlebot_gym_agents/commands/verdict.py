@@ -15,10 +15,8 @@ from turtlebot_gym_agents.evaluation.result import Evaluation
 def verdicts(evaluations: Mapping[str, Evaluation], *, size: int = 1) -> list[str]:
     """Return a sentence per evaluation that can be compared with an earlier one; a single one is described by itself.
 
-    Args:
-        evaluations: Evaluations by label, on the same seeds: all settings of the first policy, then of the next.
-        size: Number of settings of each policy. Policies are compared with the first one in the same setting; a single policy
-            in its settings, with the first of them.
+    All evaluations, by label, are on the same seeds: all ``size`` settings of the first policy, then of the next. Policies are
+    compared with the first one in the same setting; a single policy in its settings, with the first of them.
     """
     rows = list(evaluations.items())
     if len(rows) == 1:

@@ -63,13 +63,10 @@ class _Spread(NamedTuple):
 
 
 def spread(table: ArrayLike) -> _Spread:
-    """Return the mean of a table with its standard errors.
+    """Return the mean of a table of k > 1 trainings and n > 1 episodes, shape (k, n), with its standard errors.
 
     The square of each error is the variance of the row means, or of the column means, divided by their number. The rest that is
     neither training nor episode enters both, so the total is slightly conservative.
-
-    Args:
-        table: Shape (k, n): k > 1 trainings, n > 1 episodes, the same for all.
     """
     values = np.asarray(table, np.float64)
     if values.ndim != 2 or min(values.shape) < 2:
@@ -80,13 +77,10 @@ def spread(table: ArrayLike) -> _Spread:
 
 
 def share(table: ArrayLike) -> Interval:
-    """Return the share of cases in which something happened, with Wilson's interval for the effective number of episodes.
+    """Return the share of cases in which something happened, booleans (k, n) as in `spread`, with Wilson's interval.
 
-    That is the number of independent episodes whose share would have the same error, at most the number that each training
-    drove, since all drove the same ones.
-
-    Args:
-        table: Booleans, shape (k, n), as in `spread`.
+    It is that for the effective number of episodes: the number of independent episodes whose share would have the same error,
+    at most the number that each training drove, since all drove the same ones.
     """
     result = spread(table)
     n, error = result.shape[1], result.error()
@@ -113,14 +107,8 @@ class PairedOutcome(NamedTuple):
 
 
 def compare(learned: Sequence[PairedOutcome], baseline: PairedOutcome) -> dict[str, Any]:
-    """Return metrics of trainings and their differences from a baseline; a failure counts as the time limit.
-
-    Args:
-        learned: The outcome of each training.
-        baseline: The outcome of a baseline with the same seeds.
-
-    Raises:
-        ValueError: If the seeds are not the same.
+    """Return metrics of trainings and their differences from a baseline with the same seeds; a failure counts as the time
+    limit.
     """
     if any((outcome.seed, len(outcome.times)) != (baseline.seed, len(baseline.times)) for outcome in learned):
         raise ValueError("Evaluations can be compared in pairs only if they have the same seeds.")

@@ -36,13 +36,9 @@ class Moment(NamedTuple):
 
 
 def driven(envs: VectorEnv, policy: Policy, *, seed: int, episodes: int) -> Iterator[Moment]:
-    """Drive episodes, each the first one of its seed, and yield their starts and steps.
+    """Drive episodes, each the first one of its seed, from ``seed`` on, and yield their starts and steps.
 
-    Args:
-        envs: Vector environment that knows ``reset_mask``, unless it has a row for each episode; not in the mode DISABLED.
-        policy: The policy.
-        seed: Seed of the first episode; the i-th after it has the seed ``seed + i``.
-        episodes: Number of episodes.
+    The environments know ``reset_mask``, unless they have a row for each episode; their mode is not DISABLED.
     """
     rows = envs.num_envs
     observations, info = envs.reset(seed=seed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -86,46 +86,40 @@ def ending_of(reached: bool, collided: bool, seconds: float) -> str:
 
 
 def measure(record: Record, p: Parameters, seed: int) -> Episodes:
-    """Return the results of each episode.
-
-    Args:
-        record: Their rows.
-        p: The environments' parameters.
-        seed: Seed of the first episode.
-    """
-    task, n, over = p.task, len(record.way_left), _Over.of(record.episode)
-    truth, due, following = record.true_state[n:], record.reference[record.before], record.reference[n:]
+    """Return the results of each episode of a record; the first one has the seed ``seed``."""
+    task, n, over, rows = p.task, record.number, _Over.of(record.episode), record.columns
+    truth, due, following = rows["true_state"][n:], rows["reference"][record.before], rows["reference"][n:]
     changed = (following != due).any(axis=1)  # the waypoint, after the one that was current during the step
     done_with = changed.copy()
     done_with[over.last] = True
 
     away = _distance(truth, due)
     inside = _at(truth, due, away, task, arrived)
-    observed = _observed(record, p)[n:]
+    observed = _observed(rows, p)[n:]
     believed_inside = _at(observed, due, _distance(observed, due), task, believed_to_arrive)
     # The few steps at a waypoint or done with one, episode by episode, each with the number of the waypoint to which it drives.
     few = np.flatnonzero(inside | believed_inside | done_with)
     few = few[np.argsort(record.episode[few], kind="stable")]
     leg = np.cumsum(done_with[few]) - done_with[few]
     first_inside, first_seen = (few[_first(flags[few], leg)] for flags in (inside, believed_inside))
-    effort = ((record.command[n:] / (p.robot.max_linear, p.robot.max_angular)) ** 2).sum(axis=-1)
+    effort = ((rows["command"][n:] / (p.robot.max_linear, p.robot.max_angular)) ** 2).sum(axis=-1)
 
-    collided = record.collision[n:]
-    collision, success = over.number(collided) > 0, over.number(record.is_success[n:]) > 0
+    collided = rows["collision"][n:]
+    collision, success = over.number(collided) > 0, over.number(rows["is_success"][n:]) > 0
     ended = changed | (done_with & (collision | success | (over.steps < task.max_steps))[record.episode])
-    clearance = record.clearance[:n].copy()
+    clearance = rows["clearance"][:n].copy()
     if p.room:
-        np.minimum.at(clearance, record.episode, record.clearance[n:])
+        np.minimum.at(clearance, record.episode, rows["clearance"][n:])
 
     top_speed = min(p.robot.max_linear, p.robot.max_wheel)
     sides = over.sum(_distance(following[changed], due[changed]), changed)
-    straight = _distance(record.true_state[:n], record.reference[:n]) + sides
+    straight = _distance(rows["true_state"][:n], rows["reference"][:n]) + sides
     return Episodes(
         seed=seed + np.arange(n),
         success=success,
         time=np.asarray(over.steps * p.dt, np.float64),
         ideal=(straight - task.radius) / top_speed,
-        path=over.sum(_distance(truth, record.true_state[record.before])),
+        path=over.sum(_distance(truth, rows["true_state"][record.before])),
         effort=over.mean(effort),
         reached=over.number(first_inside),
         given=over.number(ended),
@@ -136,9 +130,9 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
         arrival_distance=over.mean(away[first_seen], first_seen),
         collision=collision,
         clearance=clearance,
-        shortest=record.way_left - task.radius,
-        estimate=over.errors(record.estimate[n:], truth),
-        odometry=over.errors(record.odometry[n:], truth),
+        shortest=rows["way_left"][:n] - task.radius,
+        estimate=over.errors(rows["estimate"][n:], truth),
+        odometry=over.errors(rows["odometry"][n:], truth),
         astray=over.mean(_distance(observed, truth) > ASTRAY),
     )
 
@@ -183,13 +177,13 @@ class _Over(NamedTuple):
         return Errors(*numbers)
 
 
-def _observed(record: Record, p: Parameters) -> NDArray[np.float64]:
+def _observed(rows: Mapping[str, NDArray[Any]], p: Parameters) -> NDArray[np.float64]:
     """Return the states that the policy observes, shape (n + S, 5)."""
     if p.observed == Observed.TRUTH:
-        return record.true_state
+        return rows["true_state"]
     if p.observed == Observed.ODOMETRY:
-        return np.concatenate([record.odometry, record.command], axis=-1)
-    return record.estimate
+        return np.concatenate([rows["odometry"], rows["command"]], axis=-1)
+    return rows["estimate"]
 
 
 def _at(

@@ -6,7 +6,8 @@ for all policies, and differences between policies are paired.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,23 +16,27 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import registry
 from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
 
 from turtlebot_gym.config import as_int, choose
-from turtlebot_gym.drive import NOWHERE, Drive
+from turtlebot_gym.drive import NOWHERE
+from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.observations import TERMS, ObservationTerm
+from turtlebot_gym.observations.reading import read_items
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.evaluation.consistency import Consistent, joined
-from turtlebot_gym_agents.evaluation.driving import ROWS, Moment, driven
-from turtlebot_gym_agents.evaluation.episodes import Episodes, concatenate, measure, outcome_of
+from turtlebot_gym_agents.evaluation.driving import ROWS, driven
+from turtlebot_gym_agents.evaluation.episodes import concatenate, measure, outcome_of
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.evaluation.record import Recorder
+from turtlebot_gym_agents.evaluation.record import Consistency, Recorder
 from turtlebot_gym_agents.evaluation.result import Evaluation
 from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, walkers_of
-from turtlebot_gym_agents.ids import arguments_of, environment_id
+from turtlebot_gym_agents.front.results import name_of
+from turtlebot_gym_agents.ids import arguments_of, brought_by, environment_id
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import ANYWAY, Mismatch, parameters_of, require_task, require_terms
-from turtlebot_gym_agents.policies.policy import shown
+from turtlebot_gym_agents.policies.policy import shown, terms_of
 
 ORACLE = "oracle"
 """The name that stands for `oracle.Oracle`."""
@@ -53,7 +58,7 @@ def paired(first: Evaluation, second: Evaluation) -> Interval:
 def evaluate(
     policy: str | Path | Policy,
     *,
-    env: str = "nav",
+    env: str | None = None,
     episodes: int = 1000,
     seed: int = 0,
     progress: Callable[[int], None] = lambda ended: None,
@@ -66,37 +71,68 @@ def evaluate(
     Args:
         policy: A name or a bundle for `turtlebot_gym_agents.make_policy`, a policy, what `train` or `export` returned, or
             "oracle", which in rooms knows map and true pose.
-        env: The id of an environment of this package, or its short name, such as "nav".
+        env: The id of an environment of this package, or its short name, such as "nav"; None for rooms where the options name
+            a world or a LiDAR, otherwise for nav.
         episodes: Number of episodes; episode i has the seed ``seed + i``.
         seed: The first seed.
         progress: Called with the number of episodes that have ended so far.
         allow_mismatch: Whether a policy that was made for another task, observation, robot or rate may drive.
         consistency: Whether to compute the filter's NEES and NIS at each step.
-        **options: The environment's, see `turtlebot_gym.Options`.
+        **options: The environment's, see `turtlebot_gym.Options`. Without ``observation``, it has the terms that the policy
+            names beside those of the task.
 
     Raises:
-        ValueError: If an argument is unknown or out of its range.
+        ValueError: If an argument is unknown, out of its range, or would change nothing.
     """
     as_int("episodes", episodes, 1)
-    env, policy = environment_id(env), policy_of(policy)
+    env, policy = environment_id(env, options), policy_of(policy)
     require_known(env, seed)
-    runs = []
-    # In batches, which bound the memory of the record.
-    for start, size in batches(episodes, BATCH):
-        envs = make_envs(env, min(size, ROWS), **options)
-        so_far = lambda ended, start=start: progress(start + ended)  # noqa: E731
-        judged = Consistent() if consistency else None
-        runs.append((*drive(envs, policy, seed + start, size, so_far, allow_mismatch=allow_mismatch, judge=judged), judged))
-        envs.close()
-    parts, trajectories, parameters, judges = zip(*runs, strict=True)
-    p: Parameters = parameters[0]
+    parts = []
+    for first in range(0, episodes, BATCH):
+        size = min(BATCH, episodes - first)
+        config = {"env": env, "policy": policy, "episodes": size, "seed": seed + first, **options}
+        with driving(policy, env, min(size, ROWS), allow_mismatch=allow_mismatch, **options) as (envs, driver):
+            _require_read(parameters_of(envs), options)
+            so_far = lambda ended, first=first: progress(first + ended)  # noqa: E731
+            parts.append(_driven(envs, driver, config, so_far, consistency=consistency))
+    return joined(parts)
+
+
+def _driven(
+    envs: VectorEnv, driver: Policy, config: dict[str, Any], progress: Callable[[int], None], *, consistency: bool
+) -> Evaluation:
+    """Drive the episodes of a batch."""
+    p, recorder = parameters_of(envs), Recorder(consistency=consistency)
+    walkers, around, ended = list[NDArray[np.float64]](), NOWHERE, 0
+    for at, moment in enumerate(driven(envs, driver, seed=config["seed"], episodes=config["episodes"])):
+        if at == 0:
+            around = room_of(envs, name_of(config["policy"]))
+        if around.room and len(moment.number) and moment.number[0] == 0:
+            walkers.append(walkers_of(scene_of(envs)))
+        recorder(moment)
+        if moment.ended.any():
+            ended += int(moment.ended.sum())
+            progress(ended)
+    record = recorder.result()
+    episodes = measure(record, p, config["seed"])
     return Evaluation(
-        config={"env": env, "policy": policy, "episodes": episodes, "seed": seed, **options},
+        config=config,
         limit=p.task.max_steps * p.dt,
         max_linear=p.robot.max_linear,
-        episodes=concatenate(parts),
-        trajectory=trajectories[0],
-        consistency=joined([judge.result(p.dt) for judge in judges]) if consistency else None,
+        episodes=episodes,
+        trajectory=replace(record.trajectory(dt=p.dt), around=around, circles=tuple(walkers), outcome=outcome_of(episodes)),
+        consistency=record.consistency(p.dt) if consistency else None,
+    )
+
+
+def joined(parts: Sequence[Evaluation]) -> Evaluation:
+    """Return the evaluation of several batches of episodes, one after the other; results do not depend on their size."""
+    judged = [part.consistency for part in parts if part.consistency is not None]
+    return replace(
+        parts[0],
+        config={**parts[0].config, "episodes": sum(part.config["episodes"] for part in parts)},
+        episodes=concatenate([part.episodes for part in parts]),
+        consistency=Consistency.joined(judged) if judged else None,
     )
 
 
@@ -108,15 +144,42 @@ def policy_of(policy: Any) -> str | Policy:
     return str(bundle) if isinstance(bundle, Path) else policy
 
 
+def _require_read(p: Parameters, options: Mapping[str, Any]) -> None:
+    """Refuse options that no number of an evaluation depends on."""
+    if options.get("reward") is not None:
+        raise ValueError("reward would change nothing in an evaluation, which reports no return: leave it out.")
+    if options.get("imu") is not None and "imu" not in filter_of(p.tuning).reads:
+        raise ValueError(
+            "imu would change nothing, since the filter does not read it: choose the filter 'gyro', or leave it out."
+        )
+
+
 def make_envs(env: str, num_envs: int, **options: Any) -> VectorEnv:
     """Return environments whose infos hold all that is measured."""
     given = arguments_of(options)
     return gym.make_vec(environment_id(env), num_envs=num_envs, vectorization_mode="vector_entry_point", info="full", **given)
 
 
-def batches(episodes: int, size: int) -> list[tuple[int, int]]:
-    """Return first episode and number of episodes of each batch; results do not depend on the size."""
-    return [(start, min(size, episodes - start)) for start in range(0, episodes, size)]
+@contextmanager
+def driving(
+    policy: str | Policy, env: str, num_envs: int, *, allow_mismatch: bool = False, **options: Any
+) -> Iterator[tuple[VectorEnv, Policy]]:
+    """Yield environments, and a policy for them, as `driver_of` makes it.
+
+    If the options name no observation, it has the terms that the policy reads beside those of the task. A bundle gets only
+    the package's terms so: a file names no code to run.
+    """
+    with closing(make_envs(env, num_envs, **options)) as envs:
+        made, terms = _made_for(policy, envs, allow_mismatch), _terms_in(envs)
+        is_bundle = getattr(made, "card", None) is not None
+        lacks = [term for term in terms_of(made) or () if terms and term not in terms and (term.name in TERMS or not is_bundle)]
+        if not lacks or options.get("observation") is not None:
+            yield envs, driver_of(made, envs, name=policy)
+            return
+    _, items = read_items(brought_by(env).get("observation", "ekf"))
+    options["observation"] = (*items, *(term.spelled for term in lacks))
+    with closing(make_envs(env, num_envs, **options)) as envs:
+        yield envs, driver_of(policy, envs, allow_mismatch=allow_mismatch)
 
 
 def require_known(env: str, seed: int) -> None:
@@ -125,20 +188,23 @@ def require_known(env: str, seed: int) -> None:
     choose("env", environment_id(env), {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
 
 
-def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch: bool = False) -> Policy:
-    """Return a policy; one given by name is made for the environment's robot and control interval.
+def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch: bool = False, name: Any = None) -> Policy:
+    """Return a policy that reads what environments show; one given by name is made for their robot and control interval.
 
-    Args:
-        policy: Its name for `turtlebot_gym_agents.make_policy`, or the policy; in a vector environment also "oracle".
-        envs: An environment or a vector environment, made by Gymnasium.
-        allow_mismatch: Whether a policy that was made for another task, observation, robot or rate may drive.
-
-    Raises:
-        ValueError: If the policy does not match, there is no policy of that name, or the oracle has no room.
+    "oracle" is known in vector environments. ``name`` is the policy's in refusals of one that does not match.
     """
-    terms: Any = getattr(envs.unwrapped, "observation_terms", ())
+    driver, terms = _made_for(policy, envs, allow_mismatch), _terms_in(envs)
+    return shown(driver, name_of(policy if name is None else name), terms) if terms else driver
+
+
+def _terms_in(envs: gym.Env | VectorEnv) -> Sequence[ObservationTerm]:
+    return getattr(envs.unwrapped, "observation_terms", ())
+
+
+def _made_for(policy: str | Policy, envs: gym.Env | VectorEnv, allow_mismatch: bool) -> Policy:
+    """Return a policy; one given by name is made for the environment, and refused where it does not match."""
     if not isinstance(policy, str):
-        return shown(policy, type(policy).__name__, terms) if terms else policy
+        return policy
     if policy == ORACLE and isinstance(envs, VectorEnv):
         from turtlebot_gym_agents.evaluation.oracle import Oracle  # slow to import
 
@@ -152,48 +218,4 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
         require_terms(driver, policy, envs.spec.id)
         if not allow_mismatch:
             require_task(driver, policy, envs.spec.id, p.observed.name.lower())
-    return shown(driver, policy, terms)
-
-
-def drive(
-    envs: VectorEnv,
-    policy: str | Policy,
-    seed: int,
-    episodes: int,
-    progress: Callable[[int], None] = lambda ended: None,
-    *,
-    allow_mismatch: bool = False,
-    judge: Callable[[Moment], None] | None = None,
-) -> tuple[Episodes, Drive, Parameters]:
-    """Drive episodes.
-
-    Args:
-        envs: Vector environment of this package, with ``info="full"``.
-        policy: See `evaluate`.
-        seed: Seed of the first episode.
-        episodes: Number of episodes.
-        progress: Called with the number of episodes that have ended so far.
-        allow_mismatch: See `driver_of`.
-        judge: Called with what `driven` yields.
-
-    Returns:
-        The episodes, the first one's trajectory, and the environments' parameters.
-    """
-    p = parameters_of(envs)
-    driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
-    recorder, walkers, around, ended = Recorder(episodes), [], NOWHERE, 0
-    for at, moment in enumerate(driven(envs, driver, seed=seed, episodes=episodes)):
-        if at == 0:
-            around = room_of(envs, policy if isinstance(policy, str) else type(policy).__name__)
-        if around.room and len(moment.number) and moment.number[0] == 0:
-            walkers.append(walkers_of(scene_of(envs)))
-        recorder(moment)
-        if judge is not None:
-            judge(moment)
-        if moment.ended.any():
-            ended += int(moment.ended.sum())
-            progress(ended)
-    record = recorder.result()
-    measured = measure(record, p, seed)
-    first = replace(record.trajectory(dt=p.dt), around=around, circles=tuple(walkers), outcome=outcome_of(measured))
-    return measured, first, p
+    return driver

@@ -40,14 +40,10 @@ class Errors(NamedTuple):
 
 
 def errors(poses: ArrayLike, truth: ArrayLike) -> Errors:
-    """Return mean, largest and final errors over time.
+    """Return mean, largest and final errors over time of poses or states, shape (T, ..., 3) or (T, ..., 5), each of shape
+    (...).
 
-    Args:
-        poses: Poses or states, shape (T, ..., 3) or (T, ..., 5); NaN where there is no estimate or the drive is over.
-        truth: True poses or states, of the same shape except for the last axis.
-
-    Returns:
-        Of shape (...).
+    NaN is where there is no estimate or the drive is over. ``truth`` has the same shape except for the last axis.
     """
     position, heading = position_error(poses, truth), heading_error(poses, truth)
     last = len(position) - 1 - np.argmax(np.isfinite(position)[::-1], axis=0)[None]
@@ -65,11 +61,7 @@ def errors(poses: ArrayLike, truth: ArrayLike) -> Errors:
 
 
 def share(happened: ArrayLike) -> Interval:
-    """Return the share of cases in which something happened, with Wilson's interval.
-
-    Args:
-        happened: Booleans, shape (n,), n > 0.
-    """
+    """Return the share of cases in which something happened, booleans (n,), n > 0, with Wilson's interval."""
     from scipy import stats  # slow to import
 
     flags = np.asarray(happened, np.bool_)
@@ -77,12 +69,9 @@ def share(happened: ArrayLike) -> Interval:
 
 
 def ratio(parts: ArrayLike, wholes: ArrayLike, most: float = np.inf) -> Interval:
-    """Return the ratio of two sums over independent cases, with the interval of its linearization, clipped to possible values.
+    """Return the ratio of two sums over independent cases, (n,), n > 0, with the interval of its linearization.
 
-    Args:
-        parts: Shape (n,), n > 0; not negative.
-        wholes: Shape (n,), positive in sum.
-        most: Greatest possible ratio, such as 1 for a share.
+    ``parts`` are not negative, ``wholes`` positive in sum, and ``most`` is the greatest possible ratio, such as 1 for a share.
     """
     parts, wholes = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
     size = wholes.mean()
@@ -186,11 +175,7 @@ def side(interval: Interval) -> int:
 
 
 def mean(values: ArrayLike) -> Interval:
-    """Return the mean of independent numbers with Student's interval; NaNs are ignored.
-
-    Args:
-        values: Shape (n,).
-    """
+    """Return the mean of independent numbers (n,) with Student's interval; NaNs are ignored."""
     from scipy import stats
 
     numbers = np.asarray(values, np.float64)

@@ -24,13 +24,8 @@ KEPT = 0.04
 
 
 class Oracle:
-    """Drive towards the farthest point of the shortest path that a straight line reaches.
-
-    Args:
-        envs: The environments to drive, which must be rooms; their observations are not used.
-
-    Raises:
-        ValueError: If the environments are not rooms.
+    """Drive towards the farthest point of the shortest path that a straight line reaches, in rooms only; observations are
+    not used.
     """
 
     def __init__(self, envs: Any) -> None:

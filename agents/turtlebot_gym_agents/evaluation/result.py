@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from turtlebot_gym.config import flattened, split
 from turtlebot_gym.drive import Drive
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.evaluation.consistency import Consistency
 from turtlebot_gym_agents.evaluation.episodes import Episodes
 from turtlebot_gym_agents.evaluation.metrics import Errors, Interval
+from turtlebot_gym_agents.evaluation.record import Consistency
 from turtlebot_gym_agents.front.results import Result, axes_or_new, name_of, with_legend
 
 if TYPE_CHECKING:

@@ -48,12 +48,7 @@ def grid_of(scene: Scene | None) -> GridMap | None:
 
 
 def room_of(envs: VectorEnv, label: str) -> RoomData:
-    """Return what stays the same during the first robot's episode; its walkers stand where they are now.
-
-    Args:
-        envs: Vector environment of this package.
-        label: Label of the drive.
-    """
+    """Return what stays the same during the first robot's episode; its walkers stand where they are now."""
     p, scene = parameters_of(envs), scene_of(envs)
     return RoomData(
         label=label,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym import Options
+from turtlebot_gym.config import as_int
 from turtlebot_gym.plotting import BLUE
 from turtlebot_gym_agents.commands.console import progress, save_figure
-from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.evaluation.evaluate import evaluate, joined
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.result import Evaluation, title_of
 from turtlebot_gym_agents.flags import Text, takes
@@ -27,7 +29,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
-_Progress = Callable[[int], None]
+CHUNK = 250
+"""Episodes of a job on a cluster; results do not depend on it."""
 _VALUES = ("waypoints",)
 """Options that are lists themselves."""
 
@@ -109,7 +112,7 @@ class Comparison(Result):
 @takes(Options, "task")
 def compare(
     *policy: Text,
-    env: str = "nav",
+    env: str | None = None,
     episodes: int = 1000,
     seed: int = 0,
     allow_mismatch: bool = False,
@@ -130,7 +133,8 @@ def compare(
     Args:
         policy: bearing, proportional, in rooms vfh and planner, ppo-nav, ppo-rooms, FILE.onnx, MODULE:NAME of your own, and all
             that `evaluate` takes; by default the baselines proportional and bearing.
-        env: Environment: nav, pose, square, rooms, missions, or the id of another one.
+        env: Environment: nav, pose, square, rooms, missions, or the id of another one; by default rooms
+            where a world or a LiDAR is given, otherwise nav.
         episodes: Episodes of each combination; episode i has the seed SEED + i.
         seed: The first seed.
         allow_mismatch: Also drive policies made for another task, observation, robot or rate.
@@ -151,17 +155,22 @@ def compare(
     for name, values in axes.items():
         if not values:
             raise ValueError(f"{name} must name at least one value, got none.")
-    common = {"env": environment_id(env), "episodes": episodes, "seed": seed, "allow_mismatch": allow_mismatch, **options}
-    common |= {"consistency": True} if plot else {}
+    common = {"env": environment_id(env, options), "allow_mismatch": allow_mismatch, "consistency": plot is not None, **options}
     combinations = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
     requests = [common | combination for combination in combinations]
     if cluster or workers:
-        from turtlebot_gym_agents.cluster.drives import evaluate_all
+        from turtlebot_gym_agents.cluster.workers import run
 
-        results = evaluate_all(requests, cluster=cluster, workers=workers)
+        firsts = range(0, as_int("episodes", episodes, 1), CHUNK)
+        sizes = [{"seed": seed + first, "episodes": min(CHUNK, episodes - first)} for first in firsts]
+        parts = iter(run([partial(evaluate, **request, **size) for request in requests for size in sizes], cluster, workers))
+        results = [joined(list(itertools.islice(parts, len(sizes)))) for _ in requests]
     else:
         with progress(episodes * len(combinations)) as advance_to:
-            results = _in_turn(requests, advance_to)
+            results = []
+            for done, request in enumerate(requests):
+                so_far = lambda ended, done=done: advance_to(done * episodes + ended)  # noqa: E731
+                results.append(evaluate(**request, seed=seed, episodes=episodes, progress=so_far))
     varied = [name for name, values in axes.items() if len(values) > 1] or ["policy"]
     labels = _distinct([", ".join(name_of(each[name]) for name in varied) for each in combinations])
     size = len(combinations) // len(axes["policy"])
@@ -173,14 +182,6 @@ def compare(
     return compared
 
 
-def _in_turn(requests: Sequence[Mapping[str, Any]], progress: _Progress) -> list[Evaluation]:
-    done, results = 0, []
-    for request in requests:
-        results.append(evaluate(**request, progress=lambda ended, done=done: progress(done + ended)))
-        done += request["episodes"]
-    return results
-
-
 def _distinct(labels: Sequence[str]) -> Iterator[str]:
     """Yield labels; one that was there before, such as the class of a second object, gets a number."""
     for at, label in enumerate(labels):
@@ -189,13 +190,7 @@ def _distinct(labels: Sequence[str]) -> Iterator[str]:
 
 
 def _draw_intervals(axes: Axes, intervals: Mapping[str, Interval], *, label: str) -> Axes:
-    """Draw numbers with their 95 % intervals, one under the other.
-
-    Args:
-        axes: Axes to draw into.
-        intervals: Number by name.
-        label: What the number is, with its unit.
-    """
+    """Draw numbers by name with their 95 % intervals, one under the other; ``label`` says what they are."""
     values, lows, highs = (np.array(numbers) for numbers in zip(*intervals.values(), strict=True))
     at = np.arange(len(values))
     axes.errorbar(values, at, xerr=(values - lows, highs - values), fmt="o", color=BLUE, capsize=3.0)

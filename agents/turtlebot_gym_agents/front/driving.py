@@ -113,17 +113,17 @@ class DriveResult(Result):
         return with_legend(plot_drive(axes_or_new(axes), self.record))
 
 
-def drive(policy: Any = "bearing", *, env: str = "nav", seed: int = 0, **options: Any) -> DriveResult:
+def drive(policy: Any = "bearing", *, env: str | None = None, seed: int = 0, **options: Any) -> DriveResult:
     """Drive one episode and return it, the first one of `evaluate` with the same arguments.
 
     Args:
         policy: As for `evaluate`.
-        env: The id of an environment of this package, or its short name, such as "rooms".
+        env: The id of an environment of this package, or its short name, such as "rooms"; None as for `evaluate`.
         seed: Seed of the episode.
         **options: The environment's, see `turtlebot_gym.Options`, and ``allow_mismatch``.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.
     """
-    config = {"env": environment_id(env), "policy": policy, "seed": seed, **options}
+    config = {"env": environment_id(env, options), "policy": policy, "seed": seed, **options}
     return DriveResult(record=record_episode(policy, env=env, seed=seed, **options), config=config)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from turtlebot_gym.config import as_int, choose
 from turtlebot_gym_agents.commands.console import needs, save_figure
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.figures import LEARNING, learning_figure, plot_learning
 from turtlebot_gym_agents.flags import Text, takes
 from turtlebot_gym_agents.front.results import Result, axes_or_new, with_legend
@@ -28,6 +27,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from turtlebot_gym_agents.training.train import TrainingResult
+
+BUNDLE = "policy.onnx"
+"""Name of the bundle in the folder of a run."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -52,15 +54,10 @@ class Training(Result):
         return str(first.parent if len(self.folders) > 1 else first)
 
     @property
-    def policies(self) -> tuple[Path, ...]:
-        """Bundle of each seed."""
-        return tuple(folder / "policy.onnx" for folder in self.folders.values())
-
-    @property
     def policy(self) -> Path:
         """Bundle of the seed with the highest return."""
         best = max(self.results, key=lambda seed: self.results[seed].best["return"])
-        return self.folders[best] / "policy.onnx"
+        return self.folders[best] / BUNDLE
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -80,56 +77,32 @@ class Training(Result):
         rows = [{"seed": seed, **figures} for seed, result in self.results.items() for figures in result.history]
         return {name: [row[name] for row in rows] for name in ("seed", "steps", *LEARNING)}
 
-    def interval(self, name: str = "success") -> list[Interval]:
-        """Return the mean of a figure over the seeds at each evaluation, with its 95 % interval; NaN with one seed."""
-        means = [metrics.mean(column) for column in self[choose("name", name, {figure: figure for figure in LEARNING})].T]
-        if name != "success":
-            return means
-        return [Interval(value, *np.clip([low, high], 0.0, 1.0).tolist()) for value, low, high in means]  # a share
-
     def tables(self) -> tuple[Table, ...]:
         """Return the table of `turtlebot-gym train`."""
         from rich.table import Table
 
         title = f"{self.config.env}, {self.config.algo}, the best model on the evaluation's seeds"
         table = Table("seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy", title=title)
-        for (seed, result), policy in zip(self.results.items(), self.policies, strict=True):
-            best = result.best
-            table.add_row(
-                str(seed),
-                f"{result.steps:,}",
-                f"{result.seconds:.1f}",
-                f"{result.steps_per_second:,.0f}",
-                f"{100.0 * best['success']:.1f}",
-                f"{best['return']:.2f}",
-                f"{best['steps_to_end']:.1f}",
-                str(policy),
-            )
+        for (seed, result), folder in zip(self.results.items(), self.folders.values(), strict=True):
+            best, speed = result.best, f"{result.steps_per_second:,.0f}"
+            figures = (f"{100.0 * best['success']:.1f}", f"{best['return']:.2f}", f"{best['steps_to_end']:.1f}")
+            table.add_row(str(seed), f"{result.steps:,}", f"{result.seconds:.1f}", speed, *figures, str(folder / BUNDLE))
         return (table,)
 
     def verdict(self) -> str:
-        """Return how many of the goals the best models reach."""
-        return " ".join(filter(None, (self._goals(), self.ends())))
-
-    def _goals(self) -> str:
-        shares = [100.0 * result.best["success"] for result in self.results.values()]
-        episodes = f"{self.config.episodes} episodes"
-        if min(shares) == max(shares):
-            whose = f"The best models of all {len(shares)} seeds reach" if len(shares) > 1 else "The best model reaches"
-            return f"{whose} the goal in {shares[0]:.1f} % of {episodes}: {self.policy}."
+        """Return how many of the goals the best models reach, and how many trainings have reached ``until``."""
+        shares, until = [100.0 * result.best["success"] for result in self.results.values()], self.config.until
         value, low, high = metrics.mean(shares)
-        interval = f"95 % interval over the seeds {max(low, 0.0):.1f} to {min(high, 100.0):.1f}"
-        return (
-            f"The best models of {len(shares)} seeds reach the goal in {min(shares):.1f} to {max(shares):.1f} % of {episodes}, "
-            f"{value:.1f} % on average ({interval}); the best: {self.policy}."
-        )
-
-    def ends(self) -> str:
-        """Return how many trainings have reached ``until``; empty without it."""
-        if self.config.until is None:
-            return ""
-        reached, count = sum(result.stopped == "until" for result in self.results.values()), len(self.results)
-        return f"{reached} of {count} trainings reached {self.config.until} in {self.config.episodes} episodes."
+        among = f"{min(shares):.1f} to {max(shares):.1f}" if min(shares) < max(shares) else f"{value:.1f}"
+        said = f"The best models of {len(shares)} seeds reach" if len(shares) > 1 else "The best model reaches"
+        said += f" the goal in {among} % of {self.config.episodes} episodes"
+        if min(shares) < max(shares):
+            said += f", {value:.1f} % on average (95 % interval over the seeds {max(low, 0.0):.1f} to {min(high, 100.0):.1f})"
+        said += f"; the best: {self.policy}."
+        if until is None:
+            return said
+        reached = sum(result.stopped == "until" for result in self.results.values())
+        return f"{said} {reached} of {len(shares)} trainings reached {until} in {self.config.episodes} episodes."
 
     def content(self) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
         """Return what each seed reached, apart from that how long it took, and the configuration."""
@@ -207,7 +180,7 @@ def train(
         from turtlebot_gym_agents.cluster.workers import run
 
         jobs = [partial(train_one, replace(first, seed=seed), path.resolve(), progress=False) for seed, path in folders.items()]
-        results = dict(zip(folders, run(jobs, cluster=cluster, workers=workers), strict=True))
+        results = dict(zip(folders, run(jobs, cluster, workers), strict=True))
     else:
         results = {}
         for seed, path in folders.items():

@@ -1,13 +1,8 @@
 """Policies: geometric laws, trained bundles, and their lookup by name."""
 
-from turtlebot_gym_agents.policies.baselines import POLICIES
 from turtlebot_gym_agents.policies.deployment import Deployment
-from turtlebot_gym_agents.policies.geometric import (
-    BearingPolicy,
-    CornerPolicy,
-    ProportionalPolicy,
-)
-from turtlebot_gym_agents.policies.named import make_policy, pretrained_folder
+from turtlebot_gym_agents.policies.geometric import BearingPolicy, CornerPolicy, ProportionalPolicy
+from turtlebot_gym_agents.policies.named import POLICIES, make_policy, pretrained_folder
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, terms_of
 
 __all__ = [

@@ -3,6 +3,9 @@
 The file is an ONNX model that includes the normalization of observations and the memory of a frame stack or an LSTM, with a
 card (a JSON description of its training) in its metadata. The card holds the hash of the whole file, computed with zeros in
 place of the hash. onnxruntime runs it; a robot needs neither torch nor Stable-Baselines3. Loading a bundle runs no code.
+
+A model without memory maps observations (n, k) to actions (n, 2). One with memory also takes m numbers per row and returns
+those for the next step, both of shape (n, m). An episode begins with zeros.
 """
 
 from __future__ import annotations
@@ -19,15 +22,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import Options, Parameters, Robot
-from turtlebot_gym.config import choose, short_repr
+from turtlebot_gym.config import build, choose, refusal, short_repr
 from turtlebot_gym.files import replacing
-from turtlebot_gym.observations import OBSERVED, OPEN_GROUND, TERMS, ObservationTerm
+from turtlebot_gym.observations import OBSERVED, TERMS, ObservationTerm
 from turtlebot_gym.observations.columns import size_of
 from turtlebot_gym.observations.reading import read_items
 from turtlebot_gym.systems import WithTerms, find_system
 from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym_agents.policies.fit import describe_robot, require_fit
-from turtlebot_gym_agents.policies.onnx_network import OnnxNetwork
 from turtlebot_gym_agents.provenance import plain
 
 if TYPE_CHECKING:
@@ -57,7 +59,7 @@ class Card:
     """Filter preset."""
     observation: str
     """The robot's pose that the policy observed: "ekf", "odometry", "truth" or "located"."""
-    terms: tuple[Mapping[str, Any], ...] = field(default_factory=lambda: described(OPEN_GROUND))
+    terms: tuple[Mapping[str, Any], ...]
     """The terms of an observation in turn, each with name, unit, bounds of its numbers, how many values it shows and how many
     steps apart they are; a term of one's own also with its source, "module:name"."""
     training: Mapping[str, Any] = field(default_factory=dict)
@@ -66,15 +68,18 @@ class Card:
     action: str = ACTION
     """Meaning of the outputs."""
 
+    def __post_init__(self) -> None:
+        DT.check("dt", self.dt)
+        choose("observation", self.observation, OBSERVED)
+        kinds = {"env": str, "noise": str, "filter": str, "robot": Mapping, "training": Mapping, "terms": tuple}
+        for name, kind in kinds.items():
+            if not isinstance(getattr(self, name), kind):
+                raise refusal(name, f"a {kind.__name__}", getattr(self, name))
+
     @classmethod
     def of(cls, env: str, options: Mapping[str, Any], parameters: Parameters, training: Mapping[str, Any]) -> Card:
-        """Return the card of a policy that was trained in an environment.
-
-        Args:
-            env: The environment's id.
-            options: Its arguments, as far as they differ from their defaults.
-            parameters: Its parameters.
-            training: Entries about the training.
+        """Return the card of a policy that was trained in an environment of an id, with options as far as they differ from
+        their defaults; ``training`` are entries about the training.
         """
         used = {item.name: options.get(item.name, item.default) for item in fields(Options)}
         names = {name: used[name] if isinstance(used[name], str) else "custom" for name in ("noise", "filter")}
@@ -90,7 +95,7 @@ def described(terms: Sequence[ObservationTerm]) -> tuple[dict[str, Any], ...]:
     return tuple(plain({part: getattr(term, part) for part in parts}) for term in terms)
 
 
-def term_on(path: str | Path, content: Mapping[str, Any]) -> ObservationTerm:
+def term_on(content: Any) -> ObservationTerm:
     """Return a term of a card; one of somebody's own has no kernel, since its module need not be here.
 
     Raises:
@@ -98,21 +103,13 @@ def term_on(path: str | Path, content: Mapping[str, Any]) -> ObservationTerm:
     """
     try:
         name, low, high = content["name"], tuple(content["low"]), tuple(content["high"])
-        length, every = content.get("length", 1), content.get("every", 1)
-        term = (
-            TERMS[name]
-            if name in TERMS
-            else ObservationTerm(name, _absent, low, high, str(content.get("unit", "")), source=str(content.get("source", "")))
-        )
-        term = term.over(length, every=every)
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(
-            f"{path}: a term on its card must have name, low and high, got {short_repr(content)}: {error}"
-        ) from error
+        unit, source = str(content.get("unit", "")), str(content.get("source", ""))
+        term = TERMS[name] if name in TERMS else ObservationTerm(name, _absent, low, high, unit, source=source)
+        term = term.over(content.get("length", 1), every=content.get("every", 1))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"a term must have name, low and high, got {short_repr(content)}: {error}") from error
     if (low, high) != term.bounds:
-        raise ValueError(
-            f"{path}: its term {name!r} has other bounds than in this version: {short_repr(low)}, {short_repr(high)}."
-        )
+        raise ValueError(f"the term {name!r} has other bounds in this version than {short_repr(low)}, {short_repr(high)}.")
     return term
 
 
@@ -121,13 +118,10 @@ def _absent(world: Any, p: Any) -> Any:
 
 
 def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
-    """Write an ONNX model with its card.
+    """Write an ONNX model with its card; the file is replaced atomically, and so are the model's metadata.
 
-    Args:
-        path: The file, replaced atomically.
-        model: A map from observations (n, k), of as many numbers as the card's terms have, to actions (n, 2), see
-            `OnnxNetwork`; its metadata are replaced.
-        card: The card.
+    The model is a map from observations (n, k), of as many numbers as the card's terms have, to actions (n, 2), see
+    `OnnxNetwork`.
     """
     for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):
         del part.metadata_props[:]  # torch's exporter leaves paths of its machine there
@@ -137,6 +131,64 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
     blank = model.SerializeToString()
     with replacing(path) as beside:
         beside.write_bytes(_with_hash(blank, hashlib.sha256(blank).hexdigest()))
+
+
+class OnnxNetwork:
+    """An ONNX model that onnxruntime runs; ``path`` is its name in refusals of what is no model."""
+
+    def __init__(self, path: object, content: bytes) -> None:
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise ImportError("A policy bundle needs onnxruntime: pip install 'turtlebot-gym[deploy]'.") from error
+        self._path = path
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 4
+        try:
+            self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime has no common base class for its errors
+            raise ValueError(f"{path} is not a policy bundle: {' '.join(str(error).split())}.") from error
+        inputs: Any = self._session.get_inputs()
+        self._inputs = [item.name for item in inputs]
+        self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
+        """Texts in the file by their keys."""
+        self.memory: int = inputs[1].shape[-1] if len(inputs) == 2 and inputs[1].shape else 0
+        """How many numbers it carries from a step to the next; 0 for a network without memory."""
+
+    def require_shapes(self, size: int) -> None:
+        """Refuse a model that does not return one action, and one memory, per observation of so many numbers."""
+        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+        has_memory = isinstance(self.memory, int) and self.memory > 0
+        wanted = ["tensor(float)", [size]], *([["tensor(float)", [self.memory]]] if has_memory else [])
+        results = ["tensor(float)", [2]], *wanted[1:]
+        ends = [[end.type, end.shape[1:]] for end in (*inputs, *outputs)]
+        if ends != [*wanted, *results] or any(isinstance(end.shape[0], int) for end in inputs):
+            memory = ", beside them from a memory (n, m) to the next one" if len(inputs) > 1 else ""
+            raise ValueError(
+                f"{self._path}: its model must be from float observations (n, {size}) to float actions (n, 2){memory}, it is "
+                f"from {[(end.type, end.shape) for end in inputs]} to {[(end.type, end.shape) for end in outputs]}."
+            )
+        for rows in (1, 3):  # alone, and in a batch: a model may fix either size
+            observations = np.full((rows, size), 0.5, np.float32)
+            observations[-1], observations[0] = 1.0, 0.0
+            memory = np.zeros((rows, self.memory), np.float32)
+            for _ in range(2):  # the second time with its own memory
+                try:
+                    actions, memory = self.run(observations, memory)
+                except Exception as error:  # onnxruntime has no common base class for its errors
+                    raise ValueError(f"{self._path}: its model does not run: {' '.join(str(error).split())}") from error
+                shapes = actions.shape, memory.shape
+                if shapes != ((rows, 2), (rows, self.memory)) or not (np.isfinite(actions).all() and np.isfinite(memory).all()):
+                    raise ValueError(f"{self._path}: its model must give {rows} finite actions for as many observations.")
+
+    def run(
+        self, observations: NDArray[np.float32], memory: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return actions (n, 2), and the next memory (n, m) or what is given, for observations (n, k) and a memory (n, m)."""
+        values = (observations, memory) if self.memory else (observations,)
+        answers: Any = self._session.run(None, dict(zip(self._inputs, values, strict=True)))
+        return answers[0], answers[1] if self.memory else memory
 
 
 class BundlePolicy:
@@ -156,29 +208,23 @@ class BundlePolicy:
         self._path, content = path, Path(path).read_bytes()
         self.sha256: str = _verified_hash(path, content)
         """Hash of the file."""
-        self._open(content)
+        self._network = OnnxNetwork(path, content)
+        try:
+            self.card = _read_card(json.loads(self._network.metadata[KEY])["card"])
+            """Card of the policy."""
+            self.terms = tuple(map(term_on, self.card.terms))
+            """The terms of its observations."""
+            if len({term.name for term in self.terms}) < len(self.terms):
+                raise ValueError("a term is named twice.")
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
+            raise ValueError(f"{path} is not a policy bundle: its card: {' '.join(str(error).split())}") from error
+        self._network.require_shapes(size_of(self.terms))
         require_fit(path, self.card.robot, self.card.dt, robot, dt)
         self.memory = self._network.memory
         """How many numbers it carries from a step to the next, such as a frame stack or the state of an LSTM; 0 for none."""
         self._memory: NDArray[np.float32] | None = None
         if self.memory:  # then it is a `PolicyWithMemory`
             self.reset = self._reset
-
-    def _open(self, content: bytes) -> None:
-        """Load the model and the card, and try the model."""
-        path = self._path
-        self._network = OnnxNetwork(path, content)
-        try:
-            card: Any = json.loads(self._network.metadata[KEY])["card"]
-        except (KeyError, TypeError, ValueError, RecursionError) as error:
-            raise ValueError(f"{path} is not a policy bundle: {' '.join(str(error).split())}.") from error
-        self.card = _read_card(path, card)
-        """Card of the policy."""
-        self.terms = tuple(term_on(path, term) for term in self.card.terms)
-        """The terms of its observations."""
-        if len({term.name for term in self.terms}) < len(self.terms):
-            raise ValueError(f"{path}: its card names a term twice.")
-        self._network.require_shapes(size_of(self.terms))
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., n) of the card's terms; one with memory takes a step.
@@ -214,45 +260,20 @@ class BundlePolicy:
         self._memory = np.where(begins[..., None], np.float32(0.0), self._memory)
 
 
-def _read_card(path: str | Path, content: Any) -> Card:
+def _read_card(content: Mapping[str, Any]) -> Card:
     """Return the card in a bundle's metadata, without fields that this version does not know.
 
     A version that changes the meaning of other fields has another `FORMAT` or `ACTION`, and is refused.
-
-    Raises:
-        ValueError: If the format differs, or a field is missing, of another type or out of its range.
     """
-    if not isinstance(content, Mapping):
-        raise ValueError(f"{path}: its card must be a mapping, got {short_repr(content)}.")
-    ours = {"format": FORMAT, "action": ACTION}
-    theirs = {name: content.get(name) for name in ours}
-    if theirs != ours:
-        raise ValueError(f"{path}: made as {short_repr(theirs)}, but this version reads {ours}.")
-    terms: Any = content.get("terms")
-    if not isinstance(terms, (list, tuple)) or not terms or not all(isinstance(term, Mapping) for term in terms):
-        raise ValueError(f"{path}: terms on its card must be a list of terms, got {short_repr(terms)}.")
-    content = {**content, "terms": tuple(terms)}
-    texts = ("env", "noise", "filter", "observation")
-    missing = [name for name in (*texts, "robot", "dt") if name not in content]
-    if missing:
-        raise ValueError(f"{path}: its card has no {', '.join(missing)}.")
-    for name in texts:
-        if not isinstance(content[name], str):
-            raise ValueError(f"{path}: {name} on its card must be text, got {short_repr(content[name])}.")
-    choose(f"{path}: observation on its card", content["observation"], OBSERVED)
-    for name in ("robot", "training"):
-        if not isinstance(content.get(name, {}), Mapping):
-            raise ValueError(f"{path}: {name} on its card must be a mapping, got {short_repr(content[name])}.")
-    DT.check(f"{path}: dt on its card", content["dt"])
-    return Card(**{item.name: content[item.name] for item in fields(Card) if item.name in content})
+    made, read = (content["format"], content["action"]), (FORMAT, ACTION)
+    if made != read:
+        raise ValueError(f"made as {short_repr(made)}, but this version reads {read}.")
+    known = {item.name: content[item.name] for item in fields(Card) if item.name in content}
+    return build(Card, {**known, "terms": tuple(content["terms"])}, "card")
 
 
 def _verified_hash(path: str | Path, content: bytes) -> str:
-    """Return the hash in a bundle.
-
-    Raises:
-        ValueError: If the bundle does not contain one, or it is not the bundle's.
-    """
+    """Return the hash in a bundle, or refuse it."""
     match = _HASH.search(content)
     if match is None:
         raise ValueError(f"{path} is not a policy bundle, or incomplete: make one with `turtlebot-gym export FILE`.")

@@ -53,11 +53,7 @@ def _pop(heap, size: int) -> int:
 def cheapest_way(weights, width: int, start: int, goal: int):
     """Return the cost from each visited cell to the goal, and the cell that follows it; A*, from the goal.
 
-    Args:
-        weights: Cost of each cell, at least `FREE`, row by row, shape (cells,), int32; 0 for the cells of a closed border.
-        width: Number of cells in a row.
-        start: A cell inside the border.
-        goal: Another, or the same one.
+    ``weights`` are costs of cells, at least `FREE`, row by row, shape (cells,), int32; 0 for the cells of a closed border.
     """
     cells = len(weights)
     costs, following = np.full(cells, 2**30, np.int64), np.full(cells, goal, np.int64)

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.beams import TURN, narrow_gap
-from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, PROBABILITY, Numbers, Range, refusal, short_repr
+from turtlebot_gym.config import FINITE, NON_NEGATIVE, PROBABILITY, Range, refusal
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.filters import KalmanFilter, filter_of
-from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import command_of, limit
 from turtlebot_gym.observations import (
     EVIDENCE,
@@ -36,40 +34,25 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import MAX_AGE
-from turtlebot_gym.rooms.scan import Scan, beams_in
-from turtlebot_gym.rooms.sectors import Pooling
-from turtlebot_gym.scan_watch import ScanWatch
+from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym.values import ORIGIN, STOP, Command, Covariance, Odometry, Pose, State
 from turtlebot_gym_agents.policies.fit import robot_of
+from turtlebot_gym_agents.policies.measured import SHARES, TWIST, covariance_of, pose_of, scan_of
 from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, terms_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer, within_layer
-from turtlebot_gym_agents.policies.seen_space import LIDAR_X, LOOK, SeenSpace
+from turtlebot_gym_agents.policies.scans import Scans
 from turtlebot_gym_agents.policies.yielding import Yielding
 
-_POSE, _TWIST, _VARIANCES = Numbers(FINITE, 3), Numbers(FINITE, 2), Numbers(NON_NEGATIVE, 3)
-_EVIDENCE = Numbers(PROBABILITY, 2)
-_COVARIANCE = "3 variances, or a 3 x 3 matrix"
 _AGE = Range(0.0, MAX_AGE, unit="s")
 _INTERVAL = Range(0.0, 1.0, open_low=True, unit="s")
 _LEAST_MARGIN = 0.06
 """Clearance down to which a robot inside its safety margins drives on, m; below it, the guard stops it."""
-MARGIN, AHEAD = 0.05, 1.0
-"""Clearance, m, and time, s, at which a robot brakes at the latest: it must not pass between two beams unseen from there."""
-LAG = 0.4
-"""Longest time from a motion to its effect in a scan, s: one revolution, and the driver."""
 RETURNS = 0.02
 """Least share of a scan's beams that return something: fewer come from a covered LiDAR, or from a hall beyond its range."""
-UNSURE = "the robot turns: a part of its LiDAR seems to be covered or frozen"
-AT_PLACE = 0.05
-"""Distance up to which a LiDAR's place is taken for that with which policies are trained, m: there it varies by as much."""
 _PAUSE = 2.5
 """Periods without a command after which a history, a frame stack or the state of a recurrent network begins anew."""
-
-
-class NotBelievedError(ValueError):
-    """A scan that the robot must not drive by: it cannot be read, or the LiDAR is frozen, covered or mounted otherwise."""
 
 
 class Deployment:
@@ -145,15 +128,12 @@ class Deployment:
             margins: dict[str, Any] = {"margin": safety_margin, "margin_behind": behind, "least_margin": _LEAST_MARGIN}
             self._policy = within_layer(self._policy, self.robot, self.period, noise=noise, **margins)
             self.terms = terms_of(self._policy) or OPEN_GROUND
-        self._yaw, self._returns = FINITE.check("lidar_yaw", lidar_yaw), PROBABILITY.check("lidar_returns", lidar_returns)
-        self.pool = Pooling(yaw=self._yaw, beams=lidar_beams)
-        """Pools scans into the sectors of the observation."""
-        self.seen_space = SeenSpace(self.robot, self.period)
-        """Keeps the robot where beams have passed; its ``notice`` says when it does."""
+        yaw, returns = FINITE.check("lidar_yaw", lidar_yaw), PROBABILITY.check("lidar_returns", lidar_returns)
+        self.scans = Scans(self.robot, self.period, yaw=yaw, beams=lidar_beams, returns=returns)
+        """Reads scans for `command`, and keeps the robot where beams have passed."""
         self.observation: NDArray[np.float32] = np.zeros(size_of(self.terms), np.float32)
         """Last observation of the policy, shape (n,), the numbers of its terms."""
-        self._history, self._is_first = History(self.terms, 1), True
-        self._time = self._last = 0.0
+        self._history = History(self.terms, 1)
         self.action: NDArray[np.float32] = np.zeros(2, np.float32)
         """Last action of the policy, shape (2,), in [-1, 1] or clipped to it."""
         if filter is not None and self.is_located:
@@ -166,10 +146,7 @@ class Deployment:
     def reset(self) -> None:
         """Begin an episode: clear the filter, the memory of a policy that has one, what was seen, and a disagreement."""
         self._time, self._last, self._is_first = 0.0, 0.0, True
-        self.seen_space.reset()
-        narrow = narrow_gap(self.robot.radius, MARGIN + self.robot.max_linear * AHEAD)
-        self._watch, self._measured = ScanWatch(lag=LAG, returns=self._returns, narrow=narrow, now=0.0), -math.inf
-        self._turned, self._looked = 0.0, 0.0  # while the LiDAR seems to be covered or frozen: angle, rad, and time, s
+        self.scans.reset()
         if isinstance(self._policy, PolicyWithMemory):
             self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
         self._agreement.begin()
@@ -218,13 +195,15 @@ class Deployment:
         """
         interval = self.period if dt is None else _INTERVAL.check("dt", dt)
         self._time += interval  # also if the rest is refused: what was seen grows older
-        reference = _pose("goal", goal)
-        after = reference if following is None else _pose("following", following)
-        speeds = Command(*_TWIST.check("twist", twist))
+        reference = pose_of("goal", goal)
+        after = reference if following is None else pose_of("following", following)
+        speeds = Command(*TWIST.check("twist", twist))
         age = _AGE.check("scan_age", scan_age)
-        sectors = self._read(scan, speeds, age)
-        shares, values = self._shares(evidence), self.read_own({} if own is None else own)
-        at = None if pose is None else _pose("pose", pose)
+        self._require("scan", scan, self.sees, "a Scan")
+        sectors = () if scan is None else self.scans.look(scan_of(scan), speeds, age, self._time)
+        self._require("evidence", evidence, self.is_located, "shares of fitting beams and of the best hypothesis")
+        shares, values = None if evidence is None else SHARES.check("evidence", evidence), self._numbers(own or {})
+        at = None if pose is None else pose_of("pose", pose)
         if self.filter:
             if covariance is not None or nis != 0.0:
                 raise ValueError("covariance must be None and nis 0 with a filter inside, which states its own.")
@@ -234,48 +213,13 @@ class Deployment:
             if at is None or covariance is None:
                 missing = "pose" if at is None else "covariance"
                 raise ValueError(f"{missing} must be given without a filter inside, got None; zero variances for exact poses.")
-            mean, P = State(*at, *speeds), _covariance(covariance)
+            mean, P = State(*at, *speeds), covariance_of(covariance)
             nis = NON_NEGATIVE.check("nis", nis)
         self._agreement.judge(interval, Odometry(at or ORIGIN, speeds, at is not None), self._command)
         if self.disagreement:
             return STOP
         self._command = self.command(mean, P, nis, reference, after, sectors, age, shares, values, self._time)
         return self._command
-
-    def look(self, scan: Scan, twist: Command, age: float, now: float, mount: Pose | None = None) -> list[float]:
-        """Return the sectors of a scan for `command`, in which beams that say nothing are unknown, see `scan_watch`.
-
-        Args:
-            scan: The newest scan.
-            twist: The robot's twist.
-            age: Age of the scan, s.
-            now: Current time, s.
-            mount: Pose of its frame in the robot's frame; None for the usual place, turned by ``lidar_yaw``.
-
-        Raises:
-            NotBelievedError: With one line. A robot whose LiDAR seems to be covered or frozen in part turns once around first:
-                the edges of a cover turn with it, and somebody who walked beside it does not.
-            ValueError: If it has another number of beams than ``lidar_beams``.
-        """
-        self._watch.track.add(twist, now)
-        if now - age > self._measured + 1e-6:  # between two scans, each step has the last one again
-            self._measured, at, self._bad = now - age, mount or Pose(LIDAR_X, 0.0, self._yaw), ""
-            try:
-                beams = self._watch.hear(beams_in(scan), self._measured, mount=at, range_max=scan.range_max)
-                self._scan = scan._replace(ranges=beams.ranges)
-            except ValueError as why:
-                self._bad = str(why)
-        why = self._bad or self._watch.trouble()
-        if why and (self._bad or not self._watch.frozen):
-            raise NotBelievedError(why)
-        silent, unsure = self._watch.covered, self._watch.covered or self._watch.frozen
-        self._turned = self._turned + abs(twist.omega) * (now - self._looked) if unsure else 0.0
-        self._looked = now
-        if self._turned > TURN:
-            raise NotBelievedError(
-                why or f"{math.degrees(silent):.0f} degrees of the LiDAR return nothing, however the robot turns: it is covered"
-            )
-        return self.pool(self._scan, _shifted(mount))
 
     def command(
         self,
@@ -286,11 +230,11 @@ class Deployment:
         following: Pose,
         sectors: Sequence[float] = (),
         scan_age: float = 0.0,
-        evidence: tuple[float, float] | None = None,
+        evidence: Sequence[float] | None = None,
         own: Mapping[str, tuple[float, ...]] = MappingProxyType({}),
         now: float | None = None,
     ) -> Command:
-        """Return the command for a belief and a scan's `pool`, checked before; the other arguments are those of `act`.
+        """Return the command for a belief and the sectors that `scans` has read, checked before; the rest is as for `act`.
 
         Call it once per period, unless ``now``, the current time in s, is given.
 
@@ -325,66 +269,29 @@ class Deployment:
         forward, turn = self.action.tolist()
         wish = limit(command_of(forward, turn, self.robot), self.robot)
         self._time = self._time + self.period if now is None else now
-        if not sectors or self.pool.seen is None:
-            return wish
-        if self._watch.covered or self._watch.frozen:
-            self.seen_space.notice = UNSURE
-            return Command(0.0, min(LOOK, self.robot.max_angular))
-        return self.seen_space.limit(wish, Command(mean.v, mean.omega), self.pool.seen, scan_age, self._time)
+        return self.scans.limit(wish, Command(mean.v, mean.omega), scan_age, self._time) if sectors else wish
+
+    @property
+    def notice(self) -> str:
+        """Why the last command was not the policy's, since a LiDAR has not looked there; empty if it was."""
+        return self.scans.seen_space.notice
 
     @property
     def disagreement(self) -> str:
         """Why pose, twist and command are not believed any more, until `reset`; an empty text if they are."""
         return self._agreement.cause
 
-    def _read(self, scan: Scan | None, twist: Command, age: float) -> Sequence[float]:
-        """Return the sectors of a scan; empty for a policy without scans.
+    def _require(self, name: str, value: Any, read: bool, what: str) -> None:
+        """Refuse a measurement that the policy does not read, and a missing one that it reads."""
+        if (value is not None) != read:
+            raise refusal(name, f"{what if read else 'None'} for a policy that reads {'' if read else 'no '}{name!r}", value)
 
-        Raises:
-            ValueError: If it cannot be read or believed, or the policy sees no scan.
-        """
-        if (scan is not None) != self.sees:
-            raise refusal(
-                "scan", "a Scan for a policy that reads 'scan'" if self.sees else "None for a policy without scans", scan
-            )
-        if scan is None:
-            return ()
-        if not isinstance(scan, Scan):
-            raise refusal("scan", f"a turtlebot_gym.rooms.scan.Scan with {', '.join(Scan._fields[:5])}", scan)
-        for name in ("first", "increment", "range_min"):
-            FINITE.check(f"scan.{name}", getattr(scan, name))
-        POSITIVE_OR_INFINITE.check("scan.range_max", scan.range_max)
-        scan = scan._replace(ranges=_floats("scan.ranges", scan.ranges, np.float32, "numbers"))
-        return self.look(scan, twist, age, self._time)
-
-    def _shares(self, evidence: ArrayLike | None) -> tuple[float, float] | None:
-        """Return a localizer's evidence, checked."""
-        if (evidence is not None) != self.is_located:
-            needs = "the share of fitting beams and the weight of the best hypothesis" if evidence is None else "None"
-            raise refusal("evidence", f"{needs} for a policy that reads {'' if self.is_located else 'no '}'evidence'", evidence)
-        if evidence is None:
-            return None
-        fits, weight = _EVIDENCE.check("evidence", evidence)
-        return fits, weight
-
-    def read_own(self, own: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
-        """Return the numbers of `own_terms`, clipped to their bounds.
-
-        Raises:
-            ValueError: If one is missing, is not finite or has another shape, or there is one too many; the message names it.
-        """
+    def _numbers(self, own: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+        """Return the numbers of `own_terms`, clipped to their bounds."""
         names = [term.name for term in self.own_terms]
-        for name in own:
-            if name not in names:
-                raise ValueError(
-                    f"own has {short_repr(name)}, which the policy does not read: it reads {', '.join(names) or 'none'}."
-                )
-        values: dict[str, tuple[float, ...]] = {}
-        for term in self.own_terms:
-            if term.name not in own:
-                raise ValueError(f"own must have {term.name!r}, which the policy reads.")
-            values[term.name] = term.read(own[term.name])
-        return values
+        if {*own} != {*names}:
+            raise ValueError(f"own must have the terms that the policy reads, {names}, got {[*own]}.")
+        return {term.name: term.read(own[term.name]) for term in self.own_terms}
 
     def _believe(self, filter: KalmanFilter, pose: Pose | None, twist: Command, dt: float) -> None:
         """Advance the filter inside by an interval."""
@@ -403,37 +310,6 @@ def _inside(tuning: FilterTuning, dt: float, integrator: str) -> KalmanFilter:
     if more := set(filter_of(tuning).reads) - {"odometry"}:
         raise ValueError(f"filter must read odometry only, but this one also reads {', '.join(sorted(more))}.")
     return KalmanFilter(tuning, dt=dt, integrator=integrator)
-
-
-def _pose(name: str, value: Any) -> Pose:
-    x, y, theta = _POSE.check(name, value)
-    return Pose(x, y, wrap(theta))
-
-
-def _covariance(covariance: Any) -> Covariance:
-    """Return the covariance of a pose from its variances or its matrix."""
-    rows = _floats("covariance", covariance, np.float64, _COVARIANCE)
-    if rows.shape not in ((3,), (3, 3)):
-        raise refusal("covariance", _COVARIANCE, covariance)
-    rows = rows if rows.ndim == 2 else np.diag(rows)
-    xx, yy, tt = _VARIANCES.check("covariance", rows.diagonal())
-    xy, xt, yt = _POSE.check("covariance", rows[(0, 0, 1), (1, 2, 2)])
-    return Covariance(xx, xy, xt, yy, yt, tt)
-
-
-def _floats(name: str, value: Any, dtype: Any, rule: str) -> NDArray[Any]:
-    try:
-        return np.asarray(value, dtype)
-    except (TypeError, ValueError) as error:
-        raise refusal(name, rule, value) from error
-
-
-def _shifted(mount: Pose | None) -> Pose | None:
-    """Return a LiDAR's mount as seen from the place from which policies see; at that place if it is near."""
-    if mount is None:
-        return None
-    x, y = mount.x - LIDAR_X, mount.y
-    return Pose(*((x, y) if math.hypot(x, y) > AT_PLACE else (0.0, 0.0)), mount.theta)
 
 
 def _recurrent(policy: Any) -> Any:

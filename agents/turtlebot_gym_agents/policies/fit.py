@@ -53,13 +53,7 @@ def parameters_of(envs: Any) -> Parameters:
 
 
 def require_task(policy: object, name: str, env: str, observation: str) -> None:
-    """Refuse a policy whose card names another task or observation.
-
-    Args:
-        policy: The policy; one without a card is accepted.
-        name: Name of the policy in the message.
-        env: Id of the environment to drive in.
-        observation: The robot's pose that it will observe.
+    """Refuse a policy, of a name in the message, whose card names another task, or another pose that the robot observes.
 
     Raises:
         Mismatch: If task or observation differs; the message names both.
@@ -73,12 +67,7 @@ def require_task(policy: object, name: str, env: str, observation: str) -> None:
 
 
 def require_terms(policy: object, name: str, env: str) -> None:
-    """Refuse a policy that cannot read the observations of an environment of this package.
-
-    Args:
-        policy: The policy; one that names no terms reads all.
-        name: Name of the policy in the message.
-        env: Id of the environment to drive in.
+    """Refuse a policy, of a name in the message, that cannot read the observations of an environment of this package.
 
     Raises:
         ValueError: If it cannot read them; the message names the environment to choose.
@@ -93,21 +82,13 @@ def require_terms(policy: object, name: str, env: str) -> None:
 def require_fit(
     path: str | Path, made_for: Mapping[str, Any], made_dt: float, robot: str | Robot | None, dt: float | None
 ) -> None:
-    """Refuse a policy that was made for another robot or rate.
-
-    Args:
-        path: The policy's file, for the message.
-        made_for: The robot for which it was made, see `describe_robot`.
-        made_dt: The control interval for which it was made, s.
-        robot: The robot to drive; None skips the comparison.
-        dt: The control interval, s; None skips the comparison.
+    """Refuse a policy that was made for another robot, by its description, or another rate; None skips a comparison.
 
     Raises:
         Mismatch: If robot or rate differs; the message names every difference.
     """
     wanted = made_for if robot is None else describe_robot(robot)
-    irrelevant = ("name", "radius")  # a radius is for drawing
-    others = [name for name, limit in wanted.items() if name not in irrelevant and limit != made_for.get(name)]
+    others = [name for name, limit in wanted.items() if name not in ("name", "radius") and limit != made_for.get(name)]
     period = made_dt if dt is None else dt
     if others or abs(period - made_dt) > 1e-9:
         details = "; ".join(f"{name} {_shown(made_for.get(name))} there, {_shown(wanted[name])} here" for name in others)

@@ -1,14 +1,13 @@
 """Policies without learning: the tutorial's law, and the geometric ones with which every learned policy is compared.
 
-The second range of a number is the one in which it was tuned. They need only numpy, so that a robot can run them.
+They need only numpy, so that a robot can run them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from inspect import get_annotations
-from typing import Annotated, Any, ClassVar, get_type_hints
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,18 +19,21 @@ from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym_agents.policies.policy import numbers_of
 
+Positive = Annotated[float, POSITIVE]
+NonNegative = Annotated[float, NON_NEGATIVE]
+"""Types of the numbers of a policy."""
 _TINY = 1e-12  # instead of zero in a denominator
 
 
 @dataclass(eq=False)
 class Baseline:
-    """Base of the policies without learning: robot, control interval and tunable numbers."""
+    """Base of the policies without learning: robot and control interval."""
 
     terms: ClassVar[tuple[ObservationTerm, ...]] = OPEN_GROUND
     """The terms of an observation that it reads."""
     robot: str | Robot = "burger"
     """A name in `turtlebot_gym.ROBOTS`, or a robot."""
-    dt: Annotated[float, POSITIVE] = REFERENCE_PERIOD
+    dt: Positive = REFERENCE_PERIOD
     """Control interval, s."""
 
     def __post_init__(self) -> None:
@@ -41,19 +43,6 @@ class Baseline:
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., n)."""
         raise NotImplementedError
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """Its tunable numbers."""
-        return {name: getattr(self, name) for name in self.ranges()}
-
-    @classmethod
-    def ranges(cls) -> dict[str, Range]:
-        """Return the ranges of tunable numbers, a class's own first."""
-        hints = get_type_hints(cls, include_extras=True)
-        marks: dict[str, tuple[Any, ...]] = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
-        names = dict.fromkeys(name for kind in cls.__mro__ for name in get_annotations(kind))
-        return {name: marks[name][1] for name in names if len(marks[name]) > 1}
 
 
 @dataclass(eq=False, kw_only=True)
@@ -65,9 +54,9 @@ class ProportionalPolicy(Baseline):
     is not used.
     """
 
-    kv: Annotated[float, POSITIVE, Range(0.1, 5.0, log=True)] = 0.5
+    kv: Positive = 0.5
     """Gain on the distance, 1/s."""
-    komega: Annotated[float, POSITIVE, Range(0.3, 10.0, log=True)] = 1.5
+    komega: Positive = 1.5
     """Gain on the remaining turn, 1/s."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
@@ -87,15 +76,15 @@ class BearingPolicy(Baseline):
     The defaults suit the task Nav under most noises.
     """
 
-    gain: Annotated[float, POSITIVE, Range(0.3, 20.0, log=True)] = 6.0
+    gain: Positive = 6.0
     """Turning rate per angle to turn, 1/s."""
-    focus: Annotated[float, NON_NEGATIVE, Range(0.0, 3.0)] = 0.5
+    focus: NonNegative = 0.5
     """How strictly the robot turns before it drives: the speed is proportional to this power of the cosine of the angle to
     turn."""
-    tolerance: Annotated[float, NON_NEGATIVE, Range(0.0, 0.15)] = 0.03
+    tolerance: NonNegative = 0.03
     """Bearings that miss the waypoint by less than this are not corrected, m. Turning costs speed when the wheels are at their
     limit, and noise would cause constant turning."""
-    slow: Annotated[float, POSITIVE, Range(0.02, 0.5, log=True)] = 0.05
+    slow: Positive = 0.05
     """Distance below which the speed is proportional to the distance, m. Without it a robot that is not stopped would shuttle
     across its goal."""
 
@@ -123,9 +112,9 @@ class CornerPolicy(BearingPolicy):
     following waypoint this is `BearingPolicy`.
     """
 
-    cut: Annotated[float, POSITIVE, Range(0.05, 0.4)] = 0.26
+    cut: Positive = 0.26
     """Distance of the aim point from the waypoint, m; less than the radius of arrival."""
-    depth: Annotated[float, Range(0.0, 1.0, open_high=True), Range(0.3, 0.85)] = 0.75
+    depth: Annotated[float, Range(0.0, 1.0, open_high=True)] = 0.75
     """The share of the distance, less than 1."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
@@ -140,12 +129,8 @@ class CornerPolicy(BearingPolicy):
 
 
 class Upcoming:
-    """Positions when the next command acts, after an interval at the current speeds, in the body frame: ahead + 1j left, m.
-
-    Args:
-        observations: Shape (..., n).
-        robot: The robot.
-        dt: Control interval, s.
+    """Positions when the next command acts, after a control interval ``dt``, s, at the current speeds, in the body frame:
+    ahead + 1j left, m; for observations (..., n).
     """
 
     def __init__(self, observations: ArrayLike, robot: Robot, dt: float) -> None:

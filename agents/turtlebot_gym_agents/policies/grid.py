@@ -55,17 +55,13 @@ def _add(grid, y: float, x: float, evidence: int) -> None:
 
 
 @kernel
-def see(grid, x: float, y: float, theta: float, shares, reach: float) -> None:
-    """Enter a scan.
+def see(grid, pose, shares, reach: float) -> None:
+    """Enter a scan into evidence for obstacles, shape (`SIDE`, `SIDE`), int8.
 
-    Args:
-        grid: Evidence for an obstacle, shape (`SIDE`, `SIDE`), int8; changed.
-        x: Pose at which the scan was measured, m.
-        y: m.
-        theta: rad.
-        shares: Range of each sector as a share of `SIGHT`, shape (`SECTORS`,), float64.
-        reach: Distance beyond which it is ignored, m.
+    ``pose`` is where it was measured, x, y and heading, m and rad; ``shares`` are ranges of sectors as shares of `SIGHT`,
+    float64, which are ignored beyond ``reach``, m.
     """
+    x, y, theta = pose[0], pose[1], pose[2]
     for sector in range(SECTORS):
         points = 2 * int(max(min(shares[sector] * SIGHT - _SHORT, reach), 0.0) / CELL)
         for line in range(-1, 2):
@@ -146,10 +142,8 @@ def plan(
     failed_attempts,
     ways,
     stuck: bool,
-    x: float,
-    y: float,
-    goal_x: float,
-    goal_y: float,
+    place,
+    goal,
     stamp,
     preview: float,
     detour: float,
@@ -159,24 +153,15 @@ def plan(
 ) -> None:
     """Write the point to steer to: the farthest of the path to which a straight line costs little more; NaN for the goal.
 
-    Args:
-        grid: Evidence, as for `see`.
-        failed_attempts: Number of failed attempts to enter each cell, shape (`SIDE`, `SIDE`), int8; changed.
-        ways: 1 for the cells of the last path and their neighbours, of the same shape, int8; replaced by the new path's.
-        stuck: Whether the robot makes no progress.
-        x: The robot's place, m.
-        y: m.
-        goal_x: The goal's, m; outside of the grid, the nearest place inside counts.
-        goal_y: m.
-        stamp: Weights around an occupied cell, a square with it in the middle, of at most `_PAD` cells to each side, int32.
-        preview: Length of the path that is considered, m.
-        detour: Allowed cost of the straight line as a multiple of the path's, not counting one cell.
-        unknown: Weight of a cell that was never seen, at least `FREE`.
-        habit: Increase of the cost of cells off the last path, in sixteenths, unless the robot is stuck.
-        target: Output, x and y, m.
+    ``grid`` is evidence, as for `see`, ``failed_attempts`` counts those to enter each cell, and ``ways`` marks the cells of the
+    last path and their neighbours, all of shape (`SIDE`, `SIDE`), int8; the latter two are changed. ``place`` and ``goal`` are
+    x and y, m; outside of the grid, the nearest place inside counts. ``stamp`` are weights around an occupied cell, a square of
+    at most `_PAD` cells to each side. Weights are ``unknown`` where nothing was seen, and grow by ``habit`` sixteenths off the
+    last path, unless the robot is ``stuck``. The path is considered up to the length ``preview``, m; a straight line may cost
+    ``detour`` times as much, not counting one cell.
     """
-    i, j = min(max(_cell(y), 0), SIDE - 1), min(max(_cell(x), 0), SIDE - 1)
-    goal_i, goal_j = min(max(_cell(goal_y), 0), SIDE - 1), min(max(_cell(goal_x), 0), SIDE - 1)
+    i, j = min(max(_cell(place[1]), 0), SIDE - 1), min(max(_cell(place[0]), 0), SIDE - 1)
+    goal_i, goal_j = min(max(_cell(goal[1]), 0), SIDE - 1), min(max(_cell(goal[0]), 0), SIDE - 1)
     top, left, bottom, right = min(i, goal_i), min(j, goal_j), max(i, goal_i), max(j, goal_j)
     for a in range(SIDE):
         for b in range(SIDE):
@@ -207,10 +192,10 @@ def plan(
     # A closed border, so that the search need not check where rows end.
     weights[0], weights[-1], weights[:, 0], weights[:, -1] = 0, 0, 0, 0
     longest = int(preview / CELL) + 1
-    start, goal = (i - top) * width + j - left, (goal_i - top) * width + goal_j - left
-    costs, following = cheapest_way(cells, width, start, goal)
+    start, end = (i - top) * width + j - left, (goal_i - top) * width + goal_j - left
+    costs, following = cheapest_way(cells, width, start, end)
     way, cell, n = np.empty(longest, np.int64), start, 0
-    while cell != goal:
+    while cell != end:
         cell = following[cell]
         if n < longest:
             way[n] = cell
@@ -223,58 +208,27 @@ def plan(
         for near_a in range(max(a - 1, 0), min(a + 2, SIDE)):
             for near_b in range(max(b - 1, 0), min(b + 2, SIDE)):
                 failed_attempts[near_a, near_b] = min(failed_attempts[near_a, near_b], 99) + 1
-    row, column = y / CELL + SIDE // 2 - top, x / CELL + SIDE // 2 - left
+    row, column = place[1] / CELL + SIDE // 2 - top, place[0] / CELL + SIDE // 2 - left
     target[0], target[1] = math.nan, math.nan
     # From the farthest cell back, until a straight line costs little more than the path.
     for k in range(n - 1, -1, -1):
         a, b = way[k] // width, way[k] % width
         allowed = detour * (costs[start] - costs[way[k]]) + STRAIGHT * FREE
         if k <= 2 or _line_costs(weights, row, column, a + 0.5, b + 0.5) <= allowed:
-            if way[k] != goal:
+            if way[k] != end:
                 target[0], target[1] = (b + left - SIDE // 2 + 0.5) * CELL, (a + top - SIDE // 2 + 0.5) * CELL
             break
 
 
 def _advance(
-    grids,
-    failed_attempts,
-    ways,
-    scans,
-    reaches,
-    shares,
-    new,
-    places,
-    goals,
-    due,
-    stuck,
-    stamp,
-    preview,
-    detour,
-    unknown,
-    habit,
-    targets,
+    grids, failed, ways, scans, reaches, shares, new, places, goals, due, stuck, stamp, preview, detour, unknown, habit, targets
 ) -> None:
     for n in range(len(grids)):
         if new[n]:
-            see(grids[n], scans[n, 0], scans[n, 1], scans[n, 2], shares[n], reaches[n])
+            see(grids[n], scans[n], shares[n], reaches[n])
         if due[n]:
-            x, y, goal_x, goal_y = places[n, 0], places[n, 1], goals[n, 0], goals[n, 1]
-            plan(
-                grids[n],
-                failed_attempts[n],
-                ways[n],
-                stuck[n],
-                x,
-                y,
-                goal_x,
-                goal_y,
-                stamp,
-                preview,
-                detour,
-                unknown,
-                habit,
-                targets[n],
-            )
+            at, to = places[n], goals[n]
+            plan(grids[n], failed[n], ways[n], stuck[n], at, to, stamp, preview, detour, unknown, habit, targets[n])
 
 
 @cache

@@ -8,23 +8,14 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.config import NON_NEGATIVE, POSITIVE, Range
+from turtlebot_gym.config import FINITE
 from turtlebot_gym.observations import ROOM, Observation
 from turtlebot_gym.rooms.lidar import SECTORS
 from turtlebot_gym_agents.policies.cheapest_way import FREE
+from turtlebot_gym_agents.policies.geometric import NonNegative, Positive
 from turtlebot_gym_agents.policies.grid import CELL, SIDE, advance, shifted
 from turtlebot_gym_agents.policies.policy import numbers_of
-from turtlebot_gym_agents.policies.reactive import (
-    Ahead,
-    Caution,
-    Focus,
-    Gain,
-    Lag,
-    Last,
-    Margin,
-    SightRange,
-    VectorFieldHistogramPolicy,
-)
+from turtlebot_gym_agents.policies.reactive import VectorFieldHistogramPolicy
 from turtlebot_gym_agents.policies.sight import Sight, SightMotion, arc, look
 
 _BLOCKED = 400
@@ -67,13 +58,11 @@ class _Memory(NamedTuple):
 
 
 _NEW: Any = tuple(
-    map(
-        np.asarray,
-        (*(np.int8(0),) * 3, complex(np.inf), 0, 1.0, 0.0, (np.inf, 1.0 + 0j), (0.0, 1.0 + 0j), complex(np.nan), 0),
-    )
+    np.asarray(value)
+    for value in (*(np.int8(0),) * 3, complex(np.inf), 0, 1.0, 0.0, (np.inf, 1.0 + 0j), (0.0, 1.0 + 0j), complex(np.nan), 0)
 )
-_SHAPES: Any = ((SIDE, SIDE), (SIDE, SIDE), (SIDE, SIDE), (), (), (), (SECTORS,), (2,), (2,), (), ())
 """What a robot remembers at first."""
+_SHAPES: Any = (*((SIDE, SIDE),) * 3, (), (), (), (SECTORS,), (2,), (2,), (), ())
 
 
 @dataclass(eq=False, kw_only=True)
@@ -88,30 +77,30 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     path. Moving obstacles are not modelled: they stay in the grid until later beams pass.
     """
 
-    blocked: Annotated[float, POSITIVE, Range(0.09, 0.17)] = 0.122
+    blocked: Positive = 0.122
     """Distance from an occupied cell within which the robot would touch it, m."""
-    berth: Annotated[float, POSITIVE, Range(0.05, 0.4)] = 0.123
+    berth: Positive = 0.123
     """Further distance over which cells cost more, m."""
-    fear: Annotated[float, NON_NEGATIVE, Range(0.5, 10.0, log=True)] = 0.68
+    fear: NonNegative = 0.68
     """Extra cost of a cell at the least distance, as a multiple of a free one's."""
-    preview: Annotated[float, POSITIVE, Range(0.5, 4.0)] = 4.0
+    preview: Positive = 4.0
     """Length of the path on which the point lies, m."""
-    detour: Annotated[float, POSITIVE, Range(1.0, 1.5)] = 1.36
+    detour: Positive = 1.36
     """Allowed cost of a straight line to the point, as a multiple of the path's."""
-    doubt: Annotated[float, NON_NEGATIVE, Range(0.0, 1.5)] = 0.5
+    doubt: NonNegative = 0.5
     """Extra cost of a cell that was never seen, as a multiple of a free one's."""
-    habit: Annotated[float, NON_NEGATIVE, Range(0.0, 1.0)] = 0.25
+    habit: NonNegative = 0.25
     """Extra cost of a cell off the last path, as a multiple of its own, so that a robot does not turn round with every scan."""
-    period: Annotated[float, POSITIVE, Range(0.1, 1.0)] = 0.3
+    period: Positive = 0.3
     """Time between plans, s."""
-    ahead: Ahead = 0.0
-    last: Last = 0.3
-    margin: Margin = 0.02
-    lag: Lag = 0.08
-    sight: SightRange = 0.54
-    gain: Gain = 4.4
-    focus: Focus = 2.3
-    caution: Caution = 0.63
+    ahead: Annotated[float, FINITE] = 0.0
+    last: Annotated[float, FINITE] = 0.3
+    margin: NonNegative = 0.02
+    lag: NonNegative = 0.08
+    sight: Positive = 0.54
+    gain: Positive = 4.4
+    focus: NonNegative = 2.3
+    caution: Positive = 0.63
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -132,8 +121,8 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     def reset(self, mask: NDArray[np.bool_]) -> None:
         """Forget everything where an episode begins."""
         super().reset(mask)
-        self._motion.reset(np.ravel(mask))
         rows = np.ravel(mask)
+        self._motion.reset(rows)
         if len(rows) != len(self._memory.steps):
             self._memory = self._forgotten(len(rows))
         for part, new in zip(self._memory, _NEW, strict=True):
@@ -167,10 +156,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     ) -> NDArray[np.complex128]:
         """Return the point to steer to when the next command acts, in the body frame, shape (n,); NaN for the goal.
 
-        Args:
-            rows: Observations.
-            moved: Current place in the frame of the pose when the beams were measured ...
-            turned: ... and heading in it.
+        ``moved`` and ``turned`` are the current place and heading in the frame of the pose when the beams were measured.
         """
         memory = self._memory
         o: Any = Observation(*rows[:, : len(Observation._fields)].T)
@@ -191,25 +177,8 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         goals, targets = _pairs(memory.frame[:, 0]), _pairs(memory.target)
         reaches = CELL / np.maximum(0.1 * np.abs(omega), 0.01)  # farther places are blurred by the turn
         new = (shares != memory.shares).any(axis=-1)
-        advance()(
-            memory.grid,
-            memory.failed_attempts,
-            memory.ways,
-            scans,
-            reaches,
-            shares,
-            new,
-            _pairs(place),
-            goals,
-            due,
-            stuck,
-            self._stamp,
-            self.preview,
-            self.detour,
-            self._unknown,
-            round(16.0 * self.habit),
-            targets,
-        )
+        seen, rules = memory[:3], (self._stamp, self.preview, self.detour, self._unknown, round(16.0 * self.habit))
+        advance()(*seen, scans, reaches, shares, new, _pairs(place), goals, due, stuck, *rules, targets)
         memory.idle[stuck], memory.pace[stuck] = 0, 1.0
         moved, turned = arc(v, omega, self.dt)
         memory.target[:], memory.shares[:] = targets @ (1.0, 1j), shares
@@ -218,11 +187,8 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         return (memory.target - memory.pose[:, 0]) * np.conj(memory.pose[:, 1])
 
     def _anchor(self, place: NDArray[np.complex128], heading: NDArray[np.complex128]) -> None:
-        """Keep the grid in place when the goal changes, and the robot near its middle.
-
-        Args:
-            place: Place of each robot in the frame of its goal, shape (n,).
-            heading: Its heading in that frame.
+        """Keep the grid in place when the goal changes, and the robot near its middle; both arguments are in the goal's
+        frame.
         """
         memory = self._memory
         frame, (expected, direction) = memory.frame, memory.pose.T

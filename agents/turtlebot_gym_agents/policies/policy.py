@@ -47,14 +47,8 @@ def terms_of(policy: object) -> tuple[ObservationTerm, ...] | None:
 
 
 def numbers_of(observations: ArrayLike, terms: Sequence[ObservationTerm]) -> NDArray[Any]:
-    """Return the numbers of some terms from observations of exactly these terms, or of one of the package's that has them.
-
-    Args:
-        observations: Shape (..., n).
-        terms: The terms.
-
-    Raises:
-        ValueError: If observations have another shape.
+    """Return the numbers of some terms from observations (..., n) of exactly these terms, or of one of the package's that
+    has them; refuse other shapes.
     """
     rows, sizes = np.asarray(observations), [size_of(terms)]
     if rows.ndim and rows.shape[-1] == sizes[0]:
@@ -69,11 +63,7 @@ def numbers_of(observations: ArrayLike, terms: Sequence[ObservationTerm]) -> NDA
 
 
 def with_room(policy: object) -> tuple[ObservationTerm, ...]:
-    """Return the terms of a room, and after them the others that a policy reads.
-
-    Raises:
-        ValueError: If the policy was made without the terms of a room.
-    """
+    """Return the terms of a room, and after them the others that a policy reads; refuse one that was made without a scan."""
     own = terms_of(policy) or ROOM
     if hasattr(policy, "card") and SCAN.name not in {term.name for term in own}:
         raise ValueError("the policy reads no scan, and sees no obstacles.")
@@ -110,13 +100,7 @@ class _Selecting(Wrapped):
 def shown(policy: Policy, name: str, terms: Sequence[ObservationTerm]) -> Policy:
     """Return a policy that reads its terms in observations of other ones.
 
-    Args:
-        policy: The policy.
-        name: Its name in the message.
-        terms: The terms of the observations.
-
-    Raises:
-        ValueError: If a term that it reads is not there; the message names it.
+    A term that is not there is refused, with its name and the policy's.
     """
     own = terms_of(policy)
     if own is None:

@@ -153,11 +153,7 @@ class SafetyLayer:
         """Return observations that include remembered obstacles, which have come too near for the LiDAR.
 
         Places are in the robot's frame; one is remembered per half sector. Those that noise makes uncertain count as nearer.
-
-        Args:
-            rows: Observations.
-            moved: Current place in the frame of the pose when the beams were measured ...
-            turned: ... and heading in it.
+        ``moved`` and ``turned`` are the current place and heading in the frame of the pose when the beams were measured.
         """
         step, turn = (part[..., None] for part in self._motion.over(np.full(rows.shape[:-1], self.dt)))
         moved, turned = moved[..., None], turned[..., None]

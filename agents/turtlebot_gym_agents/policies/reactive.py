@@ -1,4 +1,4 @@
-"""A reactive policy that crosses a room by the current observation only, with which every learned policy is compared.
+"""VFH+, which crosses a room by the current observation only, and with which every learned policy is compared.
 
 It drives forwards only, and uses the inputs of `sight.look`. Its defaults are the best of 30 tries in the world "dense", with
 the LiDAR "lds01" and the noise "tutorial".
@@ -12,69 +12,19 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE, Range
+from turtlebot_gym.config import FINITE
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.observations import ROOM, ObservationTerm
-from turtlebot_gym_agents.policies.geometric import Baseline, action_of
+from turtlebot_gym_agents.policies.geometric import Baseline, NonNegative, Positive, action_of
 from turtlebot_gym_agents.policies.sight import HALF_SECTOR, Sight, look, time_to_contact
 
 _TURNS = 72
 _ANGLES = wrap_all(2.0 * np.pi * np.arange(_TURNS) / _TURNS)
 """Candidate directions, the first one ahead, rad; shape (72,)."""
-Ahead = Annotated[float, FINITE, Range(0.0, 1.0)]
-Last = Annotated[float, FINITE, Range(0.0, 2.0)]
-Margin = Annotated[float, NON_NEGATIVE, Range(0.0, 0.15)]
-Lag = Annotated[float, NON_NEGATIVE, Range(0.0, 0.3)]
-SightRange = Annotated[float, POSITIVE, Range(0.25, 3.0, log=True)]
-Gain = Annotated[float, POSITIVE, Range(1.0, 10.0, log=True)]
-Focus = Annotated[float, NON_NEGATIVE, Range(0.5, 6.0)]
-Caution = Annotated[float, POSITIVE, Range(0.1, 3.0, log=True)]
 
 
 @dataclass(eq=False, kw_only=True)
-class _Reactive(Baseline):
-    """Base of the policies that choose a direction."""
-
-    terms: ClassVar[tuple[ObservationTerm, ...]] = ROOM
-    """The terms of an observation that it reads."""
-    margin: Margin
-    """Clearance to keep around the robot, m."""
-    lag: Lag
-    """Mean age of the beams beyond the stated age of the scan, s."""
-    sight: SightRange
-    """Distance beyond which obstacles are ignored, m."""
-    gain: Gain
-    """Turning rate per angle to turn, 1/s."""
-    focus: Focus
-    """How strictly the robot turns before it drives: the speed is proportional to this power of the cosine of the angle to
-    turn."""
-    caution: Caution
-    """Time to contact below which the speed is proportional to it, s."""
-
-    def _look(self, observations: ArrayLike) -> Sight:
-        return look(observations, self._robot, self.dt, self.lag)
-
-    def _blocked(self, to: Sight, margin: float) -> NDArray[np.bool_]:
-        """Return which candidates lead nearer to an obstacle than a margin, shape (..., 72)."""
-        away = np.abs(to.points)
-        wide = np.arcsin(np.minimum((self._robot.radius + margin) / np.maximum(away, 1e-9), 1.0)) + HALF_SECTOR
-        counts = away < np.minimum(self.sight, np.abs(to.goal) + self._robot.radius)[..., None]
-        cosine = np.where(counts, np.cos(np.minimum(wide, np.pi)), 2.0)
-        unit = to.points / np.maximum(away, 1e-9)
-        between = np.cos(_ANGLES)[:, None] * unit.real[..., None, :] + np.sin(_ANGLES)[:, None] * unit.imag[..., None, :]
-        return np.any(between > cosine[..., None, :], axis=-1)
-
-    def _drive(self, to: Sight, angle: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return actions (..., 2) towards directions (...), slower near contact."""
-        robot = self._robot
-        v = np.maximum(np.cos(angle), 0.0) ** self.focus * robot.max_linear
-        omega = np.clip(self.gain * angle, -robot.max_angular, robot.max_angular)
-        time = time_to_contact(to.points, v[..., None], omega[..., None], robot.radius).min(axis=-1)
-        return action_of(v * np.minimum(time / self.caution, 1.0) / robot.max_linear, omega / robot.max_angular)
-
-
-@dataclass(eq=False, kw_only=True)
-class VectorFieldHistogramPolicy(_Reactive):
+class VectorFieldHistogramPolicy(Baseline):
     """VFH+: choose the free direction for the robot's size with the least weighted angle to the goal, to the current direction
     and to the last choice.
 
@@ -84,16 +34,25 @@ class VectorFieldHistogramPolicy(_Reactive):
         Ulrich, Borenstein, "VFH+: reliable obstacle avoidance for fast mobile robots", ICRA 1998.
     """
 
-    ahead: Ahead = 0.1
+    terms: ClassVar[tuple[ObservationTerm, ...]] = ROOM
+    """The terms of an observation that it reads."""
+    ahead: Annotated[float, FINITE] = 0.1
     """Weight of the angle to the current direction; the angle to the goal has the weight 1."""
-    last: Last = 0.64
+    last: Annotated[float, FINITE] = 0.64
     """Weight of the angle to the last direction chosen."""
-    margin: Margin = 0.07
-    lag: Lag = 0.01
-    sight: SightRange = 0.4
-    gain: Gain = 1.6
-    focus: Focus = 1.7
-    caution: Caution = 0.6
+    margin: NonNegative = 0.07
+    """Clearance to keep around the robot, m."""
+    lag: NonNegative = 0.01
+    """Mean age of the beams beyond the stated age of the scan, s."""
+    sight: Positive = 0.4
+    """Distance beyond which obstacles are ignored, m."""
+    gain: Positive = 1.6
+    """Turning rate per angle to turn, 1/s."""
+    focus: NonNegative = 1.7
+    """How strictly the robot turns before it drives: the speed is proportional to this power of the cosine of the angle to
+    turn."""
+    caution: Positive = 0.6
+    """Time to contact below which the speed is proportional to it, s."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -115,3 +74,24 @@ class VectorFieldHistogramPolicy(_Reactive):
         stuck = blocked.all(axis=-1)
         self._last = np.where(stuck, last, angle)
         return self._drive(to, np.where(stuck, np.where(last >= 0.0, 0.5 * np.pi, -0.5 * np.pi), angle))
+
+    def _look(self, observations: ArrayLike) -> Sight:
+        return look(observations, self._robot, self.dt, self.lag)
+
+    def _blocked(self, to: Sight, margin: float) -> NDArray[np.bool_]:
+        """Return which candidates lead nearer to an obstacle than a margin, shape (..., 72)."""
+        away = np.abs(to.points)
+        wide = np.arcsin(np.minimum((self._robot.radius + margin) / np.maximum(away, 1e-9), 1.0)) + HALF_SECTOR
+        counts = away < np.minimum(self.sight, np.abs(to.goal) + self._robot.radius)[..., None]
+        cosine = np.where(counts, np.cos(np.minimum(wide, np.pi)), 2.0)
+        unit = to.points / np.maximum(away, 1e-9)
+        between = np.cos(_ANGLES)[:, None] * unit.real[..., None, :] + np.sin(_ANGLES)[:, None] * unit.imag[..., None, :]
+        return np.any(between > cosine[..., None, :], axis=-1)
+
+    def _drive(self, to: Sight, angle: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return actions (..., 2) towards directions (...), slower near contact."""
+        robot = self._robot
+        v = np.maximum(np.cos(angle), 0.0) ** self.focus * robot.max_linear
+        omega = np.clip(self.gain * angle, -robot.max_angular, robot.max_angular)
+        time = time_to_contact(to.points, v[..., None], omega[..., None], robot.radius).min(axis=-1)
+        return action_of(v * np.minimum(time / self.caution, 1.0) / robot.max_linear, omega / robot.max_angular)

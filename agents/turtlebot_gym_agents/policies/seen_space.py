@@ -47,12 +47,7 @@ _FAR, _NEAR = np.array([[1.0], [2.0], [3.0]]) * RESERVE / 3.0, np.array([[1.0], 
 
 
 class SeenSpace:
-    """Remember where beams have passed, and keep a robot there.
-
-    Args:
-        robot: The robot.
-        period: Control period, s.
-    """
+    """Remember where beams have passed, and keep a robot there; the control period is in s."""
 
     def __init__(self, robot: Robot, period: float) -> None:
         self._robot, self._period = robot, period
@@ -67,14 +62,10 @@ class SeenSpace:
         """Why the last command was not the policy's; empty if nothing unknown was in its way."""
 
     def limit(self, wish: Command, twist: Command, seen: NDArray[np.float64], age: float, now: float) -> Command:
-        """Return a policy's command, limited to where beams have passed.
+        """Return a policy's command, within the robot's limits, limited to where beams have passed.
 
-        Args:
-            wish: The command, within the robot's limits.
-            twist: The robot's twist until the next call.
-            seen: Range of the newest scan in each sector, shape (`SECTORS`,), m; 0 where no beam has looked.
-            age: Age of that scan, s.
-            now: Current time, s.
+        ``twist`` holds until the next call; ``seen`` is the range of the newest scan in each sector, m, 0 where no beam has
+        looked; ``age`` is that of the scan, and ``now`` the current time, s.
         """
         self._move(now)
         self._remember(seen, age)

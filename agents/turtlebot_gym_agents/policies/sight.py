@@ -44,12 +44,9 @@ class Sight(NamedTuple):
 class SightMotion:
     """Recent speeds of each robot, for its motion since a scan: in bends they differ from the current ones.
 
-    Observed speeds hold until the next observation; before the first one, the same speeds are assumed. A scan is stamped with
-    the time of its first or of its last beam: the last, if a scan was ever younger than a revolution takes.
-
-    Args:
-        dt: Control interval, s.
-        lag: Half the time of a revolution, s.
+    Observed speeds hold for a control interval, ``dt``; before the first one, the same speeds are assumed. A scan is stamped
+    with the time of its first or of its last beam: the last, if a scan was ever younger than a revolution takes, of which
+    ``lag`` is half; s.
     """
 
     def __init__(self, dt: float, lag: float) -> None:
@@ -94,21 +91,11 @@ def look(
     lidar_x: float = 0.0,
     since: tuple[NDArray[np.complex128], NDArray[np.complex128]] | None = None,
 ) -> Sight:
-    """Return a policy's view.
+    """Return a policy's view in observations (..., n) that have the terms of a room.
 
-    The robot has moved since its scan was measured; without ``since``, its current speeds are assumed for that time.
-
-    Args:
-        observations: Shape (..., n), see `numbers_of`, with the terms of a room.
-        robot: The robot.
-        dt: Control interval, s; a command acts one interval late.
-        lag: Mean age of the beams beyond the stated age of the scan, s.
-        edges: Whether to place an obstacle at both edges of its sector too, which makes three points per sector.
-        lidar_x: Place of the LiDAR ahead of the axle, m.
-        since: SightMotion since the beams were measured, as by `SightMotion.since`; then ``lag`` is not used.
-
-    Raises:
-        ValueError: If the observations have another shape.
+    The robot has moved since the scan was measured, by ``since`` as `SightMotion.since` returns it, otherwise with its current
+    speeds over the scan's age and ``lag``, s. A command acts one control interval ``dt``, s, late. With ``edges`` an obstacle
+    is also at both edges of its sector, which makes three points per sector. The LiDAR is ``lidar_x``, m, ahead of the axle.
     """
     rows = numbers_of(observations, ROOM).astype(np.float64)
     shares, age = rows[..., -1 - SECTORS : -1], rows[..., -1]
@@ -131,16 +118,9 @@ def arc(v: Any, omega: Any, time: Any) -> tuple[NDArray[np.complex128], NDArray[
 
 
 def time_to_contact(points: NDArray[np.complex128], v: Any, omega: Any, radius: Any) -> NDArray[np.float64]:
-    """Return the time at which a round robot on an arc meets points, s; infinite if never, 0 if it already does.
+    """Return the time at which a round robot on an arc meets points (..., n), s; infinite if never, 0 if it already does.
 
-    Args:
-        points: Shape (..., n).
-        v: Speed, broadcastable to (..., 1), m/s.
-        omega: Turning rate, of the shape of ``v``, rad/s.
-        radius: Radius of the robot, of the shape of ``v`` or a number, m.
-
-    Returns:
-        Shape (..., n).
+    Speed ``v``, m/s, turning rate ``omega``, rad/s, and ``radius``, m, have the shape (..., 1), or are numbers.
     """
     v, omega = np.broadcast_arrays(np.asarray(v, np.float64), np.asarray(omega, np.float64))
     ahead, left = points.real * np.where(v < 0.0, -1.0, 1.0), points.imag  # driving backwards mirrors driving forwards

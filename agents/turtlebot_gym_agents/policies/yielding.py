@@ -32,11 +32,8 @@ def passing(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return when the edge of a disc that goes straight on is nearest, s, and how near, m, both of shape (...).
 
-    Args:
-        to: Place of its middle relative to the robot, shape (..., 2), m.
-        walks: Velocity relative to the robot, shape (..., 2), m/s.
-        end: Time until which the disc is looked at, s.
-        grows: Growth of its radius, which is 0 at first, shape (...) or a number, m/s.
+    ``to`` is the place of its middle and ``walks`` its velocity relative to the robot, shape (..., 2), m and m/s. It is looked
+    at until ``end``, s, while its radius, 0 at first, ``grows``, m/s.
     """
     speed = np.maximum(np.linalg.norm(walks, axis=-1), 1e-9)
     along = (to * walks).sum(axis=-1) / speed
@@ -50,11 +47,8 @@ def passing(
 class PeopleStop:
     """Decides which actions could bring the robot into contact with a tracked person before the robot stands.
 
-    Args:
-        robot: The robot.
-        dt: Control interval, s.
-        terms: Terms of the observations, with `TWIST` and `TRACKS`.
-        confidence: Probability that a person is within the disc that the robot avoids, if the tracks' deviations are right.
+    Observations have the ``terms``, with `TWIST` and `TRACKS`; with probability ``confidence`` a person is within the disc that
+    the robot avoids, if the tracks' deviations are right. The control interval ``dt`` is in s.
     """
 
     def __init__(self, robot: Robot, dt: float, terms: Sequence[ObservationTerm], confidence: float = 0.95) -> None:

@@ -41,9 +41,7 @@ class EvaluationCallback(BaseCallback):
         every: Steps between evaluations.
         episodes: Number of seeds; None for as many as environments.
         path: File of the model with the highest mean return; None to write none.
-        seed: First seed of the evaluation.
-        go_on: Called with the figures; the training stops if it returns false.
-        confirm: Whether it stops only if ``go_on`` also returns false for the figures of all seeds.
+        go_on: Called with the figures; the training stops if it returns false for the interim ones and for those of all seeds.
     """
 
     def __init__(
@@ -53,13 +51,10 @@ class EvaluationCallback(BaseCallback):
         every: int,
         episodes: int | None = None,
         path: Path | None = None,
-        seed: int = EVALUATION_SEED,
         go_on: Callable[[dict[str, float]], bool] = lambda figures: True,
-        confirm: bool = False,
     ) -> None:
         super().__init__()
-        self._confirm = confirm
-        self._envs, self._every, self._path, self._seed, self._go_on = envs, every, path, seed, go_on
+        self._envs, self._every, self._path, self._go_on = envs, every, path, go_on
         self._episodes = envs.num_envs if episodes is None else episodes
         self._next, self._most = every, -np.inf
         self.stopped = False
@@ -78,33 +73,26 @@ class EvaluationCallback(BaseCallback):
     def _on_rollout_start(self) -> None:
         if self.num_timesteps >= self._next:
             self._next = self.num_timesteps + self._every
-            self.run(INTERIM)
-            if self.stopped and self._confirm:
-                self.run(self._episodes)
+            self._run(INTERIM)
+            if self.stopped:
+                self._run(self._episodes)
 
     def _on_training_end(self) -> None:
         if not self.stopped:
-            self.run(self._episodes)
+            self._run(self._episodes)
         self.logger.dump(self.num_timesteps)
 
-    def run(self, episodes: int) -> dict[str, float]:
-        """Evaluate the model in at most so many episodes, and return the figures."""
-        judged = self._judge(episodes)
-        reached = self._figures(judged)
+    def _run(self, episodes: int) -> None:
+        """Evaluate the model in at most so many episodes."""
+        judged, reached = self._judge(episodes)
         self.history = [*(row for row in self.history if row["steps"] < reached["steps"]), reached]
         for name, value in reached.items():
             self.logger.record(f"eval/{name}", value)
-        self._keep_best(judged, reached)
-        self.stopped = not self._go_on(reached)
-        return reached
-
-    def _keep_best(self, judged: Judged, reached: dict[str, float]) -> None:
-        """Keep the model if it is the best; of an evaluation with more episodes than `INTERIM`, the best so far drives all."""
         mean = float(judged.returns[:INTERIM].mean())
         is_best = mean > self._most
-        if not is_best and len(judged.returns) > INTERIM:
+        if not is_best and len(judged.returns) > INTERIM:  # then the best so far drives all of the seeds, too
             with self.best_model():
-                self.best = self._figures(self._judge(len(judged.returns)))
+                _, self.best = self._judge(len(judged.returns))
             is_best = reached["return"] > self.best["return"]
         if is_best:
             self.best, self._most = reached, mean
@@ -112,6 +100,11 @@ class EvaluationCallback(BaseCallback):
             if self._path is not None:
                 with replacing(self._path) as beside, beside.open("wb") as file:
                     self.model.save(file)
+        self.stopped = not self._go_on(reached)
+
+    def _judge(self, episodes: int) -> tuple[Judged, dict[str, float]]:
+        judged = judge(self._envs, policy_of(self.model), seed=EVALUATION_SEED, episodes=min(episodes, self._episodes))
+        return judged, {"steps": float(self.model.num_timesteps), **judged.figures()}
 
     @contextmanager
     def best_model(self) -> Iterator[None]:
@@ -124,12 +117,6 @@ class EvaluationCallback(BaseCallback):
         finally:
             self.model.policy.load_state_dict(state)
             self.model.num_timesteps = steps
-
-    def _judge(self, episodes: int) -> Judged:
-        return judge(self._envs, policy_of(self.model), seed=self._seed, episodes=min(episodes, self._episodes))
-
-    def _figures(self, judged: Judged) -> dict[str, float]:
-        return {"steps": float(self.model.num_timesteps), **judged.figures()}
 
 
 class RewardCallback(BaseCallback):

@@ -128,10 +128,6 @@ class TrainingConfig(Options):
                 return figures.get(name, -inf) >= least
         raise refusal("until", "success=SHARE up to 1, or return=VALUE, such as 'success=1.0'", self.until)
 
-    @property
-    def between_evaluations(self) -> int:
-        return max(1, self.total // self.evaluations)
-
     def make(self, num_envs: int, **more: Any) -> VectorEnv:
         """Return environments to evaluate in, with more arguments."""
         return gym.make_vec(

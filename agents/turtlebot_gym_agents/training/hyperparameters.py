@@ -21,15 +21,10 @@ _OF_TRAINING = ("n_envs", "n_timesteps", "policy", "reward_scale")
 
 
 def load(algo: str, env: str, source: Path | Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the hyper-parameters of an algorithm for an environment, in JSON's types.
+    """Return the hyper-parameters of an algorithm, in lower case, for an environment's id, in JSON's types.
 
-    Args:
-        algo: Name of the algorithm in lower case.
-        env: The environment's id; ``default`` in a file stands for those that it does not name.
-        source: A file, or the hyper-parameters themselves; None for the file that is shipped for the algorithm.
-
-    Raises:
-        ValueError: If there is no such file or entry, or ``n_envs``, ``n_timesteps`` or ``policy_kwargs`` is of another form.
+    ``source`` is a file, in which ``default`` stands for environments that it does not name, or the hyper-parameters
+    themselves; None is the file that is shipped for the algorithm. Other forms are refused.
     """
     chosen: Any = source
     if not isinstance(source, Mapping):
@@ -72,14 +67,7 @@ def configs_folder() -> Path:
 
 
 def arguments(hyper: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keyword arguments of an algorithm: schedules, classes and exploration noise made from their names.
-
-    Args:
-        hyper: Hyper-parameters by `load`.
-
-    Raises:
-        ValueError: If torch has no class of a name.
-    """
+    """Return the keyword arguments of an algorithm: schedules, classes and exploration noise made from their names."""
     import numpy as np
     import torch
     from stable_baselines3.common.noise import NormalActionNoise

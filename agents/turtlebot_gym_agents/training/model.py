@@ -34,18 +34,10 @@ TRAINING_SEED = 2**42
 
 
 def _choose_device(device: str, algo: str) -> str:
-    """Return "cpu" or "cuda".
+    """Return "cpu" or "cuda"; "auto" is a GPU, if there is one, for off-policy algorithms, which spend their time on batches.
 
-    Args:
-        device: Either of them, or "auto": the CPU for on-policy algorithms, whose rollouts pass each observation through a
-            small network by itself; a GPU, if there is one, for off-policy ones, which spend their time on batches.
-        algo: A name in `ALGORITHMS`.
-
-    Raises:
-        ValueError: If ``device`` is "cuda" and torch finds no GPU.
-
-    References:
-        Stable-Baselines3 2.9, documentation of PPO: "meant to be run primarily on the CPU" unless the policy is a CNN.
+    On-policy ones pass each observation through a small network by itself: Stable-Baselines3 2.9 says of PPO that it is "meant
+    to be run primarily on the CPU" unless the policy is a CNN.
     """
     has_gpu = torch.cuda.is_available()
     if device == "cuda" and not has_gpu:
@@ -60,16 +52,7 @@ def _stands(observations: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def make_model(config: TrainingConfig, envs: VectorEnv, *, tensorboard: Path | None = None) -> BaseAlgorithm:
-    """Return a new model.
-
-    Args:
-        config: Configuration of the training.
-        envs: Environments to train in.
-        tensorboard: Folder of the logs.
-
-    Raises:
-        ValueError: If Stable-Baselines3 refuses the hyper-parameters.
-    """
+    """Return a new model for environments, which logs to the folder ``tensorboard``; refuse what Stable-Baselines3 refuses."""
     parameters = parameters_of(envs)
     terms: tuple[ObservationTerm, ...] = envs.unwrapped.observation_terms  # pyright: ignore[reportAttributeAccessIssue]
     ranges = ranges_in(terms)
@@ -78,10 +61,8 @@ def make_model(config: TrainingConfig, envs: VectorEnv, *, tensorboard: Path | N
         driver = shown(make_policy("bearing", robot=parameters.robot, dt=parameters.dt), "bearing", terms)
     steps = min(300, max(1, MEASURED // envs.num_envs))
     mean, std = measure(envs, driver, ranges, seed=NORMALIZATION_SEED + config.seed, steps=steps)
-    normalization = {
-        "features_extractor_class": NormalizedObservation,
-        "features_extractor_kwargs": {"mean": mean, "std": std, "ranges": ranges},
-    }
+    layer = {"mean": mean, "std": std, "ranges": ranges}
+    normalization = {"features_extractor_class": NormalizedObservation, "features_extractor_kwargs": layer}
     keywords, device = arguments(config.hyper), _choose_device(config.device, config.algo)
     adapter = Sb3VecEnv(Staggered(envs, driver, STAGGER), reward_scale=config.hyper.get("reward_scale", 1.0))
     try:

@@ -89,12 +89,7 @@ class Recurrent(nn.Module):
 
 
 class Program(nn.Module):
-    """A network behind its normalization, with actions clipped to [-1, 1]: what a bundle holds.
-
-    Args:
-        network: A map from observations (n, k) to actions (n, 2); with memory, from observations and memory (n, m) to both.
-        normalization: Normalization of observations before it; None for none.
-    """
+    """A network behind its normalization, with actions clipped to [-1, 1]: what a bundle holds."""
 
     def __init__(self, network: nn.Module, normalization: Normalization | None) -> None:
         super().__init__()
@@ -150,13 +145,8 @@ class Sb3Policy:
 def program_of(network: nn.Module, size: int, memory: int = 0) -> ModelProto:
     """Return a network as ONNX, by torch's exporter for traced modules: the newer one takes twenty times as long.
 
-    Args:
-        network: A map from observations (n, size), and from a memory (n, memory) if it has one, to actions and the next memory.
-        size: Numbers of an observation.
-        memory: Numbers of the memory.
-
-    Raises:
-        ValueError: If torch cannot export it.
+    It maps observations (n, size), and a memory (n, memory) if it has one, to actions and the next memory. What torch cannot
+    export is refused.
     """
     import onnx
 

@@ -46,14 +46,7 @@ def _spread_ranges(observations: torch.Tensor, ranges: tuple[int, int]) -> torch
 
 
 class NormalizedObservation(BaseFeaturesExtractor):
-    """Shift and scale observations by fixed numbers, with the ranges of a room as logarithms.
-
-    Args:
-        observation_space: One-dimensional box.
-        mean: Shape (n,).
-        std: Shape (n,), positive.
-        ranges: The first column of the ranges, and the one after the last.
-    """
+    """Shift and scale observations (n,) by fixed numbers, with the ranges of a room, see `ranges_in`, as logarithms."""
 
     mean: torch.Tensor
     std: torch.Tensor
@@ -73,12 +66,8 @@ def measure(
 ) -> tuple[list[float], list[float]]:
     """Return mean and standard deviation of the observations of a policy's episodes, after `_spread_ranges`.
 
-    Args:
-        envs: Vector environment that resets by itself.
-        policy: The baseline; half of its actions are replaced by random ones, to cover the neighbourhood of its paths too.
-        ranges: See `ranges_in`.
-        seed: Seed of the environments and of the random actions.
-        steps: Number of steps.
+    The environments reset by themselves. Half of the policy's actions are replaced by random ones, to cover the neighbourhood
+    of its paths too. ``ranges`` is as of `ranges_in`.
     """
     random = np.random.default_rng(seed)
     observations, _ = envs.reset(seed=seed)

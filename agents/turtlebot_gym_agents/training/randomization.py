@@ -28,15 +28,9 @@ def randomized(
 ) -> list[Parameters]:
     """Draw the parameters of the environments of a batch: noise model and scale, wheels, delay; in rooms also world and LiDAR.
 
-    The filter is matched to the drawn noise, as on a robot whose odometry was calibrated.
-
-    Args:
-        base: Parameters that are not drawn.
-        count: Number of environments.
-        seed: Seed of the draws.
-        speed_error: Largest error of the executed speed and turning rate, as a share of them, unknown to the filter.
-        turn_error: Largest further error of the executed turning rate, as a share of it.
-        veer: Largest turn per metre driven, rad/m.
+    The filter is matched to the drawn noise, as on a robot whose odometry was calibrated. Unknown to it are errors of the
+    executed speed and turning rate, as shares of them, up to ``speed_error``; further ones of the turning rate, up to
+    ``turn_error``; and a turn per metre driven, up to ``veer``, rad/m.
     """
     random, wheels = np.random.default_rng(seed), np.random.default_rng([seed, 1])
 

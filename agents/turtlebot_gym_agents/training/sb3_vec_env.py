@@ -107,15 +107,10 @@ class Sb3VecEnv(VecEnv):
     def close(self) -> None:
         self.envs.close()
 
-    def _require_all(self, indices: Any) -> int:
-        """Return the number of rows that are meant, all of them: they share the attributes of a vector environment."""
-        chosen = range(self.num_envs) if indices is None else np.atleast_1d(indices)
-        if {*map(int, chosen)} != {*range(self.num_envs)}:
+    def _layer_of(self, name: str, indices: Any) -> Any:
+        """Return the outermost wrapper that has an attribute, or the vector environment; refuse single rows, which share it."""
+        if indices is not None and {*np.atleast_1d(indices).tolist()} != {*range(self.num_envs)}:
             raise ValueError(f"The rows of {type(self.envs.unwrapped).__name__} share their attributes and methods: name all.")
-        return self.num_envs
-
-    def _layer_of(self, name: str) -> Any:
-        """Return the outermost wrapper that has an attribute, or the vector environment."""
         layer = self.envs
         while not hasattr(layer, name) and isinstance(layer, VectorWrapper):
             layer = layer.env
@@ -123,30 +118,19 @@ class Sb3VecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of each row, which all share."""
-        number = self.num_envs if indices is None else np.size(indices)
-        return [getattr(self._layer_of(attr_name), attr_name)] * number
+        return [getattr(self._layer_of(attr_name, None), attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set the attribute that all rows share.
-
-        Raises:
-            ValueError: If only some rows are meant.
-        """
-        self._require_all(indices)
-        setattr(self._layer_of(attr_name), attr_name, value)
+        """Set the attribute that all rows share."""
+        setattr(self._layer_of(attr_name, indices), attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Call a method once, with the same result for all rows.
-
-        Raises:
-            ValueError: If only some rows are meant.
-        """
-        rows = self._require_all(indices)
-        return [getattr(self._layer_of(method_name), method_name)(*args, **kwargs)] * rows
+        """Call a method once, with the same result for all rows."""
+        return [getattr(self._layer_of(method_name, indices), method_name)(*args, **kwargs)] * self.num_envs
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
         """Return whether each row is wrapped; for `Monitor` always true, since infos are those of a monitor."""
-        return [wrapper_class is Monitor] * (self.num_envs if indices is None else np.size(indices))
+        return [wrapper_class is Monitor for _ in self._get_indices(indices)]
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """Return the vector environment's pictures, if it draws any."""

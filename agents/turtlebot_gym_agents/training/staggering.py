@@ -19,12 +19,9 @@ GROUPS = 16
 
 
 class Staggered(VectorWrapper):
-    """Drive the rows of a vector environment for different times after a reset of all of them.
+    """Drive the rows of a vector environment for different times, at most ``steps``, after a reset of all of them.
 
-    Args:
-        envs: Vector environment that resets within the step and knows ``reset_mask``.
-        policy: Drives them; without memory.
-        steps: Most steps that a row is driven.
+    It resets within the step and knows ``reset_mask``; the policy has no memory.
     """
 
     def __init__(self, envs: VectorEnv, policy: Policy, steps: int) -> None:

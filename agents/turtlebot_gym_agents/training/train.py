@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from turtlebot_gym.compiled.threads import limited
@@ -49,19 +48,9 @@ class TrainingResult:
 def train(
     config: TrainingConfig, folder: str | Path, *, progress: bool = True, callbacks: Sequence[BaseCallback] = ()
 ) -> TrainingResult:
-    """Train one policy.
+    """Train one policy into a folder, which must hold no run, and return what it reached.
 
-    Args:
-        config: Configuration of the training.
-        folder: Folder for the run's files.
-        progress: Whether to show Stable-Baselines3's bar.
-        callbacks: Additional callbacks.
-
-    Returns:
-        The result; the folder holds the policy.
-
-    Raises:
-        ValueError: If the device is missing, Stable-Baselines3 refuses a hyper-parameter, or the folder holds a run.
+    ``progress`` shows Stable-Baselines3's bar. A missing device and hyper-parameters that Stable-Baselines3 refuses are errors.
     """
     start, folder = time.perf_counter(), Path(folder)
     require_no_run(folder)
@@ -73,12 +62,14 @@ def train(
         judge = EvaluationCallback(
             judges,
             path=folder / "best.zip",
-            every=config.between_evaluations,
+            every=max(1, config.total // config.evaluations),
             episodes=config.episodes,
             go_on=lambda figures: not config.reached(figures),
-            confirm=True,
         )
-        learn(model, config, [judge, RewardCallback(), *callbacks], progress=progress)
+        with limited(config.threads), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "rich is experimental")  # tqdm says so of the bar
+            watching = [judge, RewardCallback(), *callbacks]
+            model.learn(config.total, callback=watching, tb_log_name="run", progress_bar=progress)
         seconds = time.perf_counter() - start
         about = {**record, "steps": model.num_timesteps, "seconds": round(seconds, 1), "evaluation": judge.best}
         with judge.best_model():
@@ -95,17 +86,3 @@ def train(
     )
     replace_json(folder / "result.json", asdict(result))
     return result
-
-
-def learn(model: BaseAlgorithm, config: TrainingConfig, callbacks: Sequence[BaseCallback], *, progress: bool = False) -> None:
-    """Let a model learn.
-
-    Args:
-        model: The model.
-        config: Configuration of the training.
-        callbacks: Callbacks of the training.
-        progress: Whether to show a bar.
-    """
-    with limited(config.threads), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "rich is experimental")  # tqdm says so of the bar
-        model.learn(config.total, callback=list(callbacks), tb_log_name="run", progress_bar=progress)

@@ -9,15 +9,17 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-from turtlebot_gym_agents import provenance
+from turtlebot_gym_agents import compare, provenance
 from turtlebot_gym_agents.cluster import study as module
-from turtlebot_gym_agents.cluster.drives import evaluate_all
+from turtlebot_gym_agents.cluster import workers
 from turtlebot_gym_agents.cluster.grid import StudyGrid, read_grid
 from turtlebot_gym_agents.cluster.study import study
 from turtlebot_gym_agents.cluster.workers import run
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.evaluation.comparison import PairedOutcome, compare
+from turtlebot_gym_agents.evaluation.comparison import PairedOutcome
+from turtlebot_gym_agents.evaluation.comparison import compare as compare_trainings
 from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired
+from turtlebot_gym_agents.front import comparing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.provenance import plain
 
@@ -85,7 +87,7 @@ def test_the_command_reports_the_evaluations(options, tmp_path, monkeypatch, cap
     assert set(cell["policies"]) == {"bearing", "proportional", "single"}
     bundles = sorted((tmp_path / "out" / "policies").glob("*tiny, seed *.onnx"))
     learned = [PairedOutcome.of(evaluate(BundlePolicy(bundle), **common)) for bundle in bundles]
-    expected = compare(learned, PairedOutcome.of(bearing))
+    expected = compare_trainings(learned, PairedOutcome.of(bearing))
     assert cell["trainings"]["tiny"]["time"]["value"] == expected["time"].value
     assert cell["trainings"]["tiny"]["difference"]["high"] == expected["difference"].high
     assert cell["trainings"]["tiny"]["p_holm"] >= cell["trainings"]["tiny"]["p"]
@@ -143,12 +145,12 @@ def test_a_changed_file_and_another_commit_are_evaluated_anew(tmp_path, driven, 
     ],
     ids=["bundle", "room"],
 )
-def test_an_evaluation_does_not_depend_on_how_it_is_split(request_):
+def test_an_evaluation_does_not_depend_on_how_it_is_split(request_, monkeypatch):
     expected = evaluate(**request_)
-    (split,) = evaluate_all([request_], chunk=4)
-    assert plain({"config": split.config, "summary": split.summary()}) == plain(
-        {"config": expected.config, "summary": expected.summary()}
-    )
+    monkeypatch.setattr(comparing, "CHUNK", 4)
+    monkeypatch.setattr(workers, "run", lambda jobs, *where: [job() for job in jobs])
+    (split,) = compare(request_.pop("policy"), **request_, cluster="local").evaluations.values()
+    assert plain(split.summary()) == plain(expected.summary())
     assert split.times().tobytes() == expected.times().tobytes()
     assert split.trajectory.true_state.tobytes() == expected.trajectory.true_state.tobytes()
 

@@ -80,7 +80,7 @@ def test_who_sees_needs_a_scan_of_the_last_half_second_and_nobody_else_hears_one
 
 def bundle_term(name, low, high, source=""):
     """Return a term as a bundle's card has it."""
-    return term_on("a.onnx", {"name": name, "low": low, "high": high, "source": source})
+    return term_on({"name": name, "low": low, "high": high, "source": source})
 
 
 NAMED = {term.name: replace(term, source=f"own_terms:{term.name.upper()}") for term in (own_terms.BUMPER, own_terms.GAPS)}

@@ -17,7 +17,8 @@ from turtlebot_gym.observations.reading import own_term
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
-from turtlebot_gym_agents.policies.deployment import Deployment, NotBelievedError
+from turtlebot_gym_agents.policies.deployment import Deployment
+from turtlebot_gym_agents.policies.scans import NotBelievedError
 from turtlebot_gym_ros.node.block import HALT, SCAN, Input, Nis, On, Output, Stamped, Tracks
 
 OLDEST = 0.5
@@ -204,7 +205,7 @@ class VelocityController:
         after = following or reference
         terms = {name.removeprefix(OWN): numbers for name, numbers in own.items()}
         command = self.driver.command(mean, P, surprise, reference, after, *seen, evidence, terms, self._time)
-        self.notice = self.driver.seen_space.notice or None
+        self.notice = self.driver.notice or None
         return {"command": command}
 
     def _look(self, scan: Stamped, twist: Command) -> list[float]:
@@ -212,4 +213,4 @@ class VelocityController:
         yaw = scan.mount.theta if scan.mount else self._yaw
         if self._yaw and abs(wrap(yaw - self._yaw)) > SAME_WAY:
             raise NotBelievedError(f"lidar_yaw is {self._yaw:.3f}, but /tf_static says {yaw:.3f} rad: correct one of them")
-        return self.driver.look(scan.value, twist, scan.age, self._time, scan.mount)
+        return self.driver.scans.look(scan.value, twist, scan.age, self._time, scan.mount)
