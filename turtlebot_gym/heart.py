@@ -22,9 +22,9 @@ from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.observations.columns import History, observing, row_of
 from turtlebot_gym.rewards import rewarding
 from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.systems.assembly import SystemMaker, made_of, system_of
 from turtlebot_gym.systems.parameters import Parameters
-from turtlebot_gym.systems.rooms import WithTerms, find_system
-from turtlebot_gym.systems.sensors import looking, sensing
+from turtlebot_gym.systems.sensors import sensing
 from turtlebot_gym.systems.system import RoomParts, System, course_after
 from turtlebot_gym.systems.world import Judgement, Outcome, Snapshot, outcome_of
 from turtlebot_gym.tasks import StartAndGoal, distance_to, draw_goal
@@ -64,7 +64,7 @@ class Step(NamedTuple):
 @cache
 def step_of(system: System) -> Step:
     """Return the kernels of a system's step."""
-    (first_sense, sense), see = sensing(system.sensors), looking(system.sensors)
+    first_sense, sense = sensing(system.sensors)
     reward_of, no_shares = rewarding(system.rewards)
     around = system.surroundings or NOWHERE
     renew = around.renew or _goal_stays
@@ -75,8 +75,7 @@ def step_of(system: System) -> Step:
         senses = first_sense(body, key, p)
         course = course_after(0.0, waypoints, p.task.laps)
         world = Snapshot(body, senses, system.first_estimate(senses, p), course, 0.0, ())
-        room = around.first_look(world, key, p, scene)
-        return world._replace(room=room, senses=see(senses, room, p))
+        return world._replace(room=around.first_look(world, key, p, scene))
 
     @kernel
     def start_outcome(world):
@@ -94,7 +93,7 @@ def step_of(system: System) -> Step:
     @kernel
     def conclude(world, moved, key, waypoints, p, scene):
         room = around.look(moved, key, p, scene)  # look: beams, contact, and the way that is left
-        senses, unread = see(moved.senses, room, p), moved.estimate
+        senses, unread = moved.senses, moved.estimate
         estimate = system.estimate(world.estimate, world.senses, senses, p, room, scene) if system.reads_scan else unread
         visited, judgement = system.judge(world, moved.body, senses, estimate, waypoints, p)  # judge: arrival, end
         course = world.course._replace(visited=visited)
@@ -161,7 +160,7 @@ class Episode:
         parameters: Parameters of a step.
         waypoints: The poses to visit; unused if the task draws its goal.
         seed: Seed of the noise and of the task's draws.
-        system: The kernels of a step, or what `find_system` takes; None for the system that belongs to the parameters.
+        system: The kernels of a step, or what makes them for parameters.
         plan: The floor plan of a given room.
     """
 
@@ -171,11 +170,11 @@ class Episode:
         waypoints: Sequence[Pose] = (),
         *,
         seed: int = 0,
-        system: System | str | Callable[[Parameters], System] | WithTerms | None = None,
+        system: System | SystemMaker = system_of,
         plan: FloorPlan | None = None,
     ) -> None:
         self.parameters, self.seed, self.number = parameters, seed, -1
-        self.system = find_system(system, parameters)
+        self.system = made_of(system, parameters)
         self._given = tuple(waypoints)
         around = self.system.surroundings
         scenes: Any = around.make([parameters]) if around else ()

@@ -1,4 +1,4 @@
-"""Terms of an observation as a user writes them: a bumper, a speedometer, and a sensor that looks around."""
+"""Terms of an observation as a user writes them: a bumper, a speedometer, and gaps in a room."""
 
 from turtlebot_gym import ObservationTerm
 from turtlebot_gym.kernel import kernel
@@ -46,29 +46,11 @@ SPEEDOMETER = ObservationTerm(
 
 
 @kernel
-def draw_noise(body, before, key, at, p):
-    noise, other = normals(sub_key(key, SENSOR), at, 1)
-    return 0.01 * noise, 0.01 * other
-
-
-@kernel
-def no_noise(body, key, p):
-    return 0.0, 0.0
-
-
-@kernel
-def look_twice(value, room, p):
-    return value[0] + room.clearance, value[1] + room.least
-
-
-@kernel
 def gaps(world, p):
-    return world.senses.gaps
+    return world.room.clearance, world.room.least
 
 
-GAPS = ObservationTerm(
-    "gaps", gaps, (-1.0, -1.0), (2.0, 2.0), "m", sensor=Sensor("gaps", no_noise, draw_noise, look=look_twice)
-)
+GAPS = ObservationTerm("gaps", gaps, (-1.0, -1.0), (2.0, 2.0), "m")
 
 
 @kernel

@@ -5,6 +5,7 @@ import pickle
 
 import gymnasium as gym
 import numpy as np
+import own_parts
 import pytest
 
 from turtlebot_gym import Episode, make_filter, make_noise, make_parameters
@@ -50,7 +51,7 @@ def test_environments_take_a_system_by_name_and_pickle_with_it():
     start = env.unwrapped._batch.world(0).body.true_state
     *_, info = env.step(np.array([0.0, 1.0], np.float32))
     assert info["true_state"][:2] == pytest.approx((start.x, start.y + 0.1 * 2.635))
-    episode = Episode(make_parameters(noise="clean"), seed=1, system="own_parts:sledge")
+    episode = Episode(make_parameters(noise="clean"), seed=1, system=own_parts.sledge)
     episode.act((0.0, 1.0))
     np.testing.assert_array_equal(info["true_state"], episode.world.body.true_state)
 

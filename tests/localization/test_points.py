@@ -77,8 +77,7 @@ def test_successive_scans_use_all_beams():
 
 @pytest.mark.parametrize(("rate", "dt", "poses"), [(5.0, 0.1, 4), (10.0, 0.1, 3), (0.5, 0.1, 22)])
 def test_a_trail_reaches_back_to_the_first_beam(rate, dt, poses):
-    from turtlebot_gym.systems import Options
-    from turtlebot_gym.systems.rooms import system_of
+    from turtlebot_gym.systems import Options, system_of
 
     setup = Options(world="clutter", noise="wheel", localizer="match", lidar=replace(LIDAR, rate=rate), dt=dt).setup()
     assert system_of(setup.parameters).surroundings.make([setup.parameters]).memory.trail.shape[1] == poses

@@ -21,7 +21,7 @@ from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.observations.columns import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import arrays_of
-from turtlebot_gym.systems import Parameters, RoomParts, Snapshot, System, WithTerms, find_system
+from turtlebot_gym.systems import Parameters, RoomParts, Snapshot, System, made_of, system_of
 from turtlebot_gym.tasks import StartAndGoal
 from turtlebot_gym.values import Pose
 
@@ -44,7 +44,7 @@ class Batch:
         num_envs: Number of environments.
         parameters: One for all environments, or one for each.
         waypoints: The poses to visit, the same for all; a goal that the task draws replaces the first.
-        system: The kernels of a step, or what `find_system` takes; None for the system that belongs to the parameters.
+        system: The kernels of a step, or what makes them for parameters.
         plan: The floor plan of a given room, the same for all.
         shares: Whether outcomes have a row for the share of each term of the reward, too.
     """
@@ -55,13 +55,12 @@ class Batch:
         parameters: Parameters | Sequence[Parameters],
         waypoints: Sequence[Pose],
         *,
-        system: System | str | Callable[[Parameters], System] | WithTerms | None = None,
+        system: System | Callable[[Parameters], System] = system_of,
         plan: FloorPlan | None = None,
         shares: bool = False,
     ) -> None:
         self.num_envs, self.parameters, self._n_tiles = num_envs, parameters, -(-num_envs // TILE)
-        self._own, self._by_parameters = system, system is None or (isinstance(system, WithTerms) and system.system is None)
-        self._plan, self._shares = plan, shares
+        self._made_by, self._plan, self._shares = system, plan, shares
         self._find_system()
         self.seeds = np.zeros(num_envs, np.int64)
         self.episodes = np.zeros(num_envs, np.int64)
@@ -80,7 +79,7 @@ class Batch:
         self.set_parameters(parameters)
 
     def _find_system(self) -> None:
-        self.system = find_system(self._own, self.parameters_of(0))
+        self.system = made_of(self._made_by, self.parameters_of(0))
         self.layout, self._around = layout_of(self.system), self.system.surroundings
         is_large = self.num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
         self._is_compiled = self.system.compiled and HAS_LLVM
@@ -114,7 +113,8 @@ class Batch:
         """
         same = isinstance(parameters, Parameters)
         rows = [parameters] if same else list(parameters)
-        if self._by_parameters and any(find_system(self._own, row) != self.system for row in rows):
+        now = system_of(self.parameters_of(0))
+        if any(system_of(row) != now for row in rows):
             raise ValueError(
                 "parameters must be for one system: the kind of filter must be the same in all; "
                 "rooms and fixes must be in all or none; rewards must have the same terms."

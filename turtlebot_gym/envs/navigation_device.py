@@ -15,7 +15,7 @@ from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.config import choose, refusal, short_repr
 from turtlebot_gym.envs.common import read_options, with_limit
 from turtlebot_gym.envs.vector import SeededVectorEnv
-from turtlebot_gym.systems import Options, Parameters, find_system
+from turtlebot_gym.systems import Options, Parameters
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -88,7 +88,7 @@ class NavigationDeviceEnv(SeededVectorEnv):
         choose("info", info, dict.fromkeys(("default", "rewards", "full")))
         choose("render_mode", render_mode, dict.fromkeys((None, "rgb_array")))
         setup = with_limit(Options.of(options), max_episode_steps)
-        system = find_system(setup.system, setup.parameters)
+        system = setup.system(setup.parameters)
         asked = {
             "rooms": system.surroundings is not None,
             "a filter in plain Python": not system.compiled,

@@ -12,22 +12,16 @@ from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.odometry import counted
 from turtlebot_gym.models.random import PROCESS, SLIP, normals, uniforms
-from turtlebot_gym.models.unicycle import accelerate, advance, execute, limit, slips
-from turtlebot_gym.observations import OPEN_GROUND, observed_state
-from turtlebot_gym.rewards import ON_GROUND
-from turtlebot_gym.systems.options import make_parameters
+from turtlebot_gym.models.unicycle import Integrator, accelerate, advance, execute, limit, slips
+from turtlebot_gym.observations import OPEN_GROUND, Observed, observed_state
+from turtlebot_gym.presets import TUTORIAL, matched
+from turtlebot_gym.rewards import ON_GROUND, default_weights
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.sensors import ODOMETRY
 from turtlebot_gym.systems.system import System
 from turtlebot_gym.systems.world import Body, Judgement
-from turtlebot_gym.tasks import (
-    arrived,
-    believed_to_arrive,
-    by_time,
-    distance_to,
-    draw_goal,
-    due,
-    start_pose,
-)
+from turtlebot_gym.tasks import TASKS, arrived, believed_to_arrive, by_time, distance_to, draw_goal, due, start_pose
 from turtlebot_gym.values import Command, Pose, State
 
 
@@ -44,22 +38,6 @@ def _start(pose):
 
 
 @kernel
-def _either(which, one, other):
-    return Command(one.v if which else other.v, one.omega if which else other.omega)
-
-
-@kernel
-def obey(body, command, p):
-    """Return the command in force after an interval.
-
-    Delayed commands are taken from the queue of earlier ones, and then limited to what the robot can do.
-    """
-    first, second, third = body.asked
-    late = third if p.delay >= 3.0 else (second if p.delay >= 2.0 else first)
-    return accelerate(body.command, limit(_either(p.delay >= 1.0, late, command), p.robot), p.robot, p.dt)
-
-
-@kernel
 def _move(body, command, key, at, p):
     """Move the pose with the current twist; then the twist follows the command, as far as the wheels slip and noise allows.
 
@@ -67,17 +45,17 @@ def _move(body, command, key, at, p):
     """
     dt, noise = p.dt, p.noise.process
     first, second, third = body.asked
-    now = obey(body, command, p)
+    late = third if p.delay >= 3.0 else (second if p.delay >= 2.0 else first)
+    asked = late if p.delay >= 1.0 else command
+    now = accelerate(body.command, limit(asked, p.robot), p.robot, dt)
     truth = body.true_state
     pose = advance(Pose(truth.x, truth.y, truth.theta), truth.v, truth.omega, dt, p.integrator)
     # What nothing reads is not worked out: a large batch takes as long as its memory.
     rolled = advance(body.wheels, body.command.v, body.command.omega, dt, p.integrator)
     rolled = counted(body.wheels, rolled, body.command.v, p.noise.odometry, key, at, dt)
     is_rolled, is_late = p.noise.odometry.wheel, p.delay > 0.0
-    wheels = Pose(
-        rolled.x if is_rolled else pose.x, rolled.y if is_rolled else pose.y, rolled.theta if is_rolled else pose.theta
-    )
-    queue = (_either(is_late, command, first), _either(is_late, first, second), _either(is_late, second, third))
+    wheels = rolled if is_rolled else pose
+    queue = (command if is_late else first, first if is_late else second, second if is_late else third)
     slip_draw, _ = uniforms(key, at, SLIP)
     slipping = slips(body.slipping, noise, slip_draw, dt)
     twist = execute(now, noise, slipping, normals(key, at, PROCESS), dt)
@@ -104,6 +82,12 @@ def _judge(world, body, senses, estimate, waypoints, p):
     return visited, Judgement(distance_to(truth, reference), success, terminated, truncated, done_with)
 
 
+_WEIGHTS = default_weights(ON_GROUND)
+_EXAMPLE = Parameters(
+    ROBOTS["burger"], TUTORIAL, matched(TUTORIAL), TASKS["nav"], _WEIGHTS, 0.1, Integrator.EULER, Observed.EKF, 0.0
+)
+
+
 @cache
 def open_ground(filter: Filter) -> System:
     """Return the system of open ground with a filter."""
@@ -117,7 +101,6 @@ def open_ground(filter: Filter) -> System:
     def estimate(estimate, before, senses, p):
         return step(estimate, before, senses, p.tuning, p.dt, p.integrator)
 
-    p = make_parameters()
     return System(
         lay_out=_lay_out,
         start=_start,
@@ -128,6 +111,6 @@ def open_ground(filter: Filter) -> System:
         judge=_judge,
         rewards=ON_GROUND,
         terms=OPEN_GROUND,
-        example=p._replace(tuning=replace(p.tuning, kind=filter.kind)),
+        example=_EXAMPLE._replace(tuning=replace(_EXAMPLE.tuning, kind=filter.kind)),
         compiled=filter.compiled,
     )

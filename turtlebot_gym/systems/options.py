@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from turtlebot_gym.config import FINITE, as_int, choose, did_you_mean, given, refusal, short_repr, split
+from turtlebot_gym.config import FINITE, as_int, choose, did_you_mean, given, refusal, split
 from turtlebot_gym.estimation.fixes import late_by
 from turtlebot_gym.files import load_object
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
@@ -16,11 +16,13 @@ from turtlebot_gym.observations import OBSERVED, ObservationTerm
 from turtlebot_gym.observations.reading import read_items
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise
 from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot
-from turtlebot_gym.rewards import IN_ROOMS, ON_GROUND, ON_MISSIONS, RewardTerm, default_weights
+from turtlebot_gym.rewards import RewardTerm, default_weights
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
+from turtlebot_gym.systems.assembly import Assembly
+from turtlebot_gym.systems.course import course_of
 from turtlebot_gym.systems.imu import IMUS, ImuNoise
 from turtlebot_gym.systems.parameters import DT, MAX_DELAY, Parameters, make_room
 from turtlebot_gym.systems.system import LOCALIZER, System
@@ -39,8 +41,8 @@ class Setup(NamedTuple):
     """The poses to visit; a goal that the task draws replaces the first."""
     plan: FloorPlan | None
     """Floor plan of a given room."""
-    system: Any = None
-    """System of one's own, as `Options.system`, or with terms of one's own."""
+    system: Assembly
+    """What makes the system of parameters."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,8 +143,6 @@ class Options:
         Raises:
             ValueError: If a name is unknown, or an option does not suit the task.
         """
-        from turtlebot_gym.systems.course import course_of
-
         return course_of(self)
 
     @property
@@ -168,13 +168,12 @@ class Options:
             raise ValueError(f"observation 'located' needs {LOCALIZER}.")
         imu = () if self.imu is None else given(ImuNoise, self.imu, IMUS, "imu")
         room, plan = self._room(dt)
-        terms = (ON_MISSIONS if task.laps > 1 else IN_ROOMS) if self.in_room else ON_GROUND
         parameters = Parameters(
             robot,
             noise,
             make_filter(self.filter, noise, imu=imu),
             task,
-            default_weights(terms),
+            (),
             dt,
             choose("integrator", self.integrator, INTEGRATORS),
             OBSERVED[pose],
@@ -184,45 +183,34 @@ class Options:
             imu=imu,
             localizer=self._localizer(noise, room),
         )
-        return self._with_terms(Setup(parameters, waypoints, plan, self.system), () if items == (pose,) else items)
-
-    def _with_terms(self, setup: Setup, observation: tuple[str, ...]) -> Setup:
-        """Return a setup with the terms of an observation, and with the weights and the terms of `reward`."""
-        from turtlebot_gym.systems.rooms import WithTerms, find_system  # they are made from options
-
         own, weights = self._reward()
-        if not (weights or self.system or observation):
-            return setup
-        system = WithTerms(self.system, own, observation) if own or observation else self.system
-        terms = find_system(system, setup.parameters).rewards
+        assembly = Assembly(self.system, own, () if items == (pose,) else items)
+        return Setup(self._weighed(parameters, assembly(parameters).rewards, weights), waypoints, plan, assembly)
+
+    def _weighed(self, parameters: Parameters, terms: Sequence[RewardTerm], weights: Mapping[str, float]) -> Parameters:
+        """Return parameters with the weights of a reward's terms."""
         names = [term.name for term in terms]
+        where = "" if self.system else " in a room" if self.in_room else " on open ground"
         for name in weights:
-            if name not in names:
-                where = "" if self.system else " in a room" if self.in_room else " on open ground"
-                known = f"its terms{where} are {', '.join(names)}; one of your own is MODULE:NAME"
-                raise ValueError(f"reward has no term {short_repr(name)}: {known}.{did_you_mean(name, names)}")
-        reward = default_weights(tuple(term._replace(weight=weights.get(term.name, term.weight)) for term in terms))
-        return setup._replace(parameters=setup.parameters._replace(reward=reward), system=system)
+            choose(f"a term of reward{where} (MODULE:NAME for your own)", name, dict.fromkeys(names))
+        return parameters._replace(
+            reward=default_weights([term._replace(weight=weights.get(term.name, term.weight)) for term in terms])
+        )
 
     def _reward(self) -> tuple[tuple[RewardTerm, ...], dict[str, float]]:
         """Return the reward's terms of one's own, and the weights that are given, by name."""
         given = {} if self.reward is None else self.reward
-        if not isinstance(given, Mapping):
+        if not isinstance(given, Mapping) or not all(isinstance(key, (str, RewardTerm)) for key in given):
             raise refusal("reward", "weights by name, such as {'effort': 0.2}", given)
         own, weights = list[RewardTerm](), dict[str, float]()
         for key, weight in given.items():
-            name, term = (key.name, key) if isinstance(key, RewardTerm) else (key, None)
-            if not isinstance(name, str):
-                raise refusal("reward", "weights by name, such as {'effort': 0.2}", given)
-            checked = FINITE.check(f"reward[{name!r}]", weight)
-            if term is None and ":" in name:
-                term = load_object(name)
-                if not isinstance(term, RewardTerm):
-                    raise refusal(f"reward[{name!r}]", "a RewardTerm", term)
-                name = term.name
-            if term is not None:
+            term = load_object(key) if isinstance(key, str) and ":" in key else key
+            if isinstance(term, RewardTerm):
                 own.append(term)
-            weights[name] = checked
+            elif term is not key:
+                raise refusal(f"reward[{key!r}]", "a RewardTerm", term)
+            name = term.name if isinstance(term, RewardTerm) else term
+            weights[name] = FINITE.check(f"reward[{name!r}]", weight)
         return tuple(own), weights
 
     def _localizer(self, noise: Noise, room: Any) -> LocalizerTuning | tuple[()]:

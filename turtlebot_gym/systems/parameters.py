@@ -20,10 +20,6 @@ DT = Range(1e-4, 10.0, unit="s")
 """What a control interval may be."""
 
 
-SENSORS = ("fix", "imu")
-"""Names of the sensors beside odometry: fields of `Parameters`, and options."""
-
-
 class Parameters(NamedTuple):
     """Everything that an environment's step depends on besides its state and its key."""
 

@@ -6,21 +6,14 @@ the true pose; and a reward for progress along the shortest path instead of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cache
-from typing import Any
 
-from turtlebot_gym.config import refusal
-from turtlebot_gym.estimation.filters import filter_of
-from turtlebot_gym.estimation.fixes import late_by, with_fixes
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.files import load_object
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
-from turtlebot_gym.observations import LOCATED_ROOM, ROOM, TRACKS, Observed
-from turtlebot_gym.observations.reading import read_terms
-from turtlebot_gym.rewards import IN_ROOMS, RewardTerm, default_weights
+from turtlebot_gym.observations import ROOM
+from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.lidar import LIDARS, age_of_scan, aim, beams_by
@@ -29,13 +22,8 @@ from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sectors import divide, leave_out_blind
 from turtlebot_gym.rooms.sensing import clearance, measure
 from turtlebot_gym.rooms.walking import STANDS, walk
-from turtlebot_gym.systems.fixes import fix_sensor
-from turtlebot_gym.systems.imu import IMU
-from turtlebot_gym.systems.missions import on_missions
 from turtlebot_gym.systems.open_ground import open_ground
-from turtlebot_gym.systems.parameters import SENSORS, Parameters, RoomParameters
-from turtlebot_gym.systems.scans import localizing, tracking
-from turtlebot_gym.systems.sensors import Sensor
+from turtlebot_gym.systems.parameters import Parameters, RoomParameters
 from turtlebot_gym.systems.system import RoomParts, System
 from turtlebot_gym.systems.world import RoomState
 from turtlebot_gym.values import Pose
@@ -130,75 +118,3 @@ def rooms(filter: Filter) -> System:
         ),
         surroundings=RoomParts(_make, scene_at, _first_look, _look_round, _complete),
     )
-
-
-_SENSORS: dict[str, Callable[[Parameters], Sensor]] = {
-    "fix": lambda p: fix_sensor(late_by(p.fix.delay, p.dt)),
-    "imu": lambda p: IMU,
-}
-
-
-def system_of(parameters: Parameters) -> System:
-    """Return the system for some parameters: rooms or open ground, with their sensors and filter.
-
-    Raises:
-        ValueError: If the filter reads a sensor that the system does not have.
-    """
-    filter, fix = filter_of(parameters.tuning), parameters.fix
-    filter = with_fixes(filter, late_by(fix.delay, parameters.dt)) if fix else filter
-    system = rooms(filter) if parameters.room else open_ground(filter)
-    system = localizing(system) if parameters.localizer else system
-    system = system._replace(terms=LOCATED_ROOM) if parameters.localizer and parameters.observed == Observed.LOCATED else system
-    system = on_missions(system) if parameters.room and parameters.task.laps > 1.0 else system
-    for name in SENSORS:
-        if getattr(parameters, name):
-            system = system.with_sensor(_SENSORS[name](parameters))
-    lacking = [name for name in filter.reads if name not in {sensor.name for sensor in system.sensors}]
-    if lacking:
-        raise ValueError(f"The filter reads the sensor {lacking[0]!r}: choose one with {lacking[0]}=...")
-    return system
-
-
-@dataclass(frozen=True)
-class WithTerms:
-    """A system of one's own, or that of the parameters, with further terms of the reward or another observation."""
-
-    system: System | str | Callable[[Parameters], System] | None
-    """See `find_system`."""
-    rewards: tuple[RewardTerm, ...] = ()
-    """Terms of the reward beside the system's."""
-    observation: tuple[str, ...] = ()
-    """Names of the terms of the observation, see `turtlebot_gym.observations.reading.read_terms`; empty for the system's."""
-
-
-def find_system(system: System | str | Callable[[Parameters], System] | WithTerms | None, parameters: Parameters) -> System:
-    """Return a system of one's own, or that of the parameters.
-
-    Args:
-        system: The system; a function of the parameters that returns it; "module:name" of either; None for that of the
-            parameters; one of these with other terms.
-        parameters: Parameters of a step.
-
-    Raises:
-        ValueError: If there is no such system, making it fails, or its filter reads a scan and there is none.
-    """
-    if system is None:
-        return system_of(parameters)
-    if isinstance(system, WithTerms):
-        found = find_system(system.system, parameters).with_rewards(*system.rewards)
-        if not system.observation:
-            return found
-        seen = found.with_observation(*read_terms(system.observation, found.terms))
-        if not any(term.name == TRACKS.name for term in seen.terms):
-            return seen
-        if not parameters.noise.odometry.wheel:
-            raise ValueError("observation 'tracks' needs wheel odometry: choose such a noise, such as noise='wheel'.")
-        return tracking(seen)
-    loaded: Any = load_object(system) if isinstance(system, str) else system
-    if callable(loaded):
-        loaded = loaded(parameters)
-    if not isinstance(loaded, System):
-        raise refusal("system", "a System, a function of the parameters that returns one, or 'module:name' of either", loaded)
-    if loaded.reads_scan and not loaded.surroundings:
-        raise ValueError("System.reads_scan must be false without surroundings: there is no scan.")
-    return loaded

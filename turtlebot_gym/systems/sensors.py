@@ -26,10 +26,6 @@ class Sensor(NamedTuple):
     earlier, which may hold what the sensor must remember."""
     noise: Any = None
     """Example of its parameters, which are the field of its name in `systems.parameters.Parameters`; None if it has none."""
-    look: Callable[..., Any] | None = None
-    """``look(value, room, p)`` returns its value completed by the room around the robot, `systems.world.RoomState`, after a
-    step's look: a bumper, for example. Filters see the value only if they read the scan. None for a sensor that does not look
-    around."""
 
 
 @kernel
@@ -48,16 +44,6 @@ def _first_odometry(body, key, p):
 
 
 ODOMETRY = Sensor("odometry", _first_odometry, _sense_odometry)
-
-
-@cache
-def looking(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
-    """Return the kernel ``look(senses, room, p)`` that completes the values of sensors that look around."""
-    if not any(sensor.look for sensor in sensors):
-        return kernel(lambda senses, room, p: senses)
-    Senses = senses_of(tuple(sensor.name for sensor in sensors))
-    parts = tuple((sensor.name, sensor.look or kernel(lambda value, room, p: value)) for sensor in sensors)
-    return kernel(lambda senses, room, p: Senses(*(look(getattr(senses, name), room, p) for name, look in parts)))
 
 
 @cache

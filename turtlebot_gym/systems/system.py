@@ -80,17 +80,10 @@ class System(NamedTuple):
     """Whether all parts are kernels; if one is not, such as a filter in plain Python, the loop runs as plain Python too."""
 
     def with_sensor(self, sensor: Sensor) -> System:
-        """Return the system with a further sensor, or another of its name.
-
-        Raises:
-            ValueError: If the sensor looks around, and there is nothing around the robot.
-        """
-        if sensor.look and self.surroundings is None:
-            raise ValueError(f"the sensor {sensor.name!r} looks around, which needs {ROOM}.")
-        others = tuple(other for other in self.sensors if other.name != sensor.name)
-        at = [other.name for other in self.sensors].index(sensor.name) if len(others) < len(self.sensors) else len(others)
+        """Return the system with a further sensor, or another of its name."""
+        sensors = {other.name: other for other in self.sensors} | {sensor.name: sensor}
         example = self.example if sensor.noise is None else self.example._replace(**{sensor.name: sensor.noise})
-        return self._replace(sensors=(*others[:at], sensor, *others[at:]), example=example)
+        return self._replace(sensors=tuple(sensors.values()), example=example)
 
     def with_rewards(self, *terms: RewardTerm) -> System:
         """Return the system with further terms of the reward.
@@ -98,12 +91,13 @@ class System(NamedTuple):
         Raises:
             ValueError: If it has a term of that name.
         """
-        rewards = (*self.rewards, *terms)
-        names = [term.name for term in rewards]
-        for at, name in enumerate(names):
-            if name in names[:at]:
-                raise ValueError(f"the reward has a term {name!r} already: give yours another name.")
-        return self._replace(rewards=rewards, example=self.example._replace(reward=default_weights(rewards)))
+        system = self
+        for term in terms:
+            if term.name in {other.name for other in system.rewards}:
+                raise ValueError(f"the reward has a term {term.name!r} already: give yours another name.")
+            rewards = (*system.rewards, term)
+            system = system._replace(rewards=rewards, example=system.example._replace(reward=default_weights(rewards)))
+        return system
 
     def with_observation(self, *terms: ObservationTerm) -> System:
         """Return the system with another observation, and the sensors that its terms read.
