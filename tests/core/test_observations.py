@@ -53,17 +53,6 @@ def test_an_observation_is_the_same_in_scalar_vector_and_plain_environments(case
             episode.reset()
 
 
-@pytest.mark.parametrize("case", ["a bumper", "two scans"])
-def test_what_the_package_observes_is_unchanged_beside_it(case):
-    id, observation, options, _ = OBSERVED[case]
-    plain, own = gym.make(id, **options), gym.make(id, observation=observation, **options)
-    columns = columns_of(ROOM, own.unwrapped.observation_terms)
-    seen = [env.reset(seed=1)[0] for env in (plain, own)]
-    for _ in range(30):
-        np.testing.assert_array_equal(seen[0], seen[1][columns])
-        seen = [env.step(np.array([0.5, 0.1], np.float32))[0] for env in (plain, own)]
-
-
 def test_a_history_shows_what_was_seen_before_and_at_first_the_first():
     env = gym.make(ROOMS, observation="ekf,twist*3@2")
     place, seen = slices_of(env.unwrapped.observation_terms)["twist"], []
