@@ -46,16 +46,18 @@ SAID = {
 }
 
 
-@pytest.mark.parametrize("lie", [*LIES, "blocked", "crossed"])
-@pytest.mark.parametrize("since", [0.0, 3.0])
+# A frozen twist is true as long as the robot drives as before; along x there is no y; and a drive that begins has no reset.
+@pytest.mark.parametrize(
+    ("lie", "since"),
+    [
+        (lie, since)
+        for lie in (*LIES, "blocked", "crossed")
+        for since in (0.0, 3.0)
+        if lie != "twist frozen" and (since or lie not in ("y sign", "reset"))
+    ],
+)
 def test_a_lie_is_final_within_a_second_and_a_quarter_of_a_metre(lie, since):
     """In a bend, so that each lie shows at once; a twist that froze there shows when the robot turns another way."""
-    if lie == "twist frozen":
-        pytest.skip("A frozen twist is true as long as the robot drives as before.")
-    if (lie, since) == ("y sign", 0.0):
-        pytest.skip("A robot that drives along x has no y.")
-    if lie == "reset" and since == 0.0:
-        pytest.skip("Odometry that begins at its origin is no lie.")
     command = Command(0.2, 0.6)
     time, way, cause = judged(Driver(lie, since), command)
     assert time <= 1.0
@@ -73,7 +75,7 @@ def test_two_opposite_spikes_in_a_window_are_noise(noise):
         assert agreement.judge(0.1, Odometry(Pose(0.02 * k, 0.0, heading), Command(0.2, 0.0), True), Command(0.2, 0.0)) == ""
 
 
-@pytest.mark.parametrize("distance", [0.1, 0.2, 0.35, 0.5, 0.8, 1.25, 2.0, 3.0])
+@pytest.mark.parametrize("distance", [0.1, 0.35, 3.0])
 def test_a_reset_is_noticed_at_any_distance(distance):
     driver = Driver("reset", distance / 0.2 + 0.001)
     time, way, cause = judged(driver, Command(0.2, 0.0), seconds=60.0)
@@ -111,12 +113,8 @@ ROBOTS_THAT_ARE_SLOW = {
 @pytest.mark.parametrize("kind", ROBOTS_THAT_ARE_SLOW)
 def test_a_robot_that_is_only_slow_is_never_refused(kind):
     assert driven(Driver(**ROBOTS_THAT_ARE_SLOW[kind]), random.Random(kind), 0.25) == []
-
-
-def test_the_law_notices_a_robot_that_is_slower_than_allowed():
-    """Partner: a robot that starts 1.2 s late is one that does not move."""
-    causes = driven(Driver(delay=1.2), random.Random(1), 0.1)
-    assert any("does not move" in cause for cause in causes)
+    if kind == "late":  # the law notices a robot that is slower than allowed
+        assert any("does not move" in cause for cause in driven(Driver(delay=1.2), random.Random(1), 0.1))
 
 
 def test_late_and_lost_messages_are_no_contradiction_and_a_reset_behind_them_is():
@@ -176,8 +174,10 @@ def test_a_twist_to_the_side_is_one_in_another_frame(across, refused):
     assert ("in the world's frame" in agreement.cause) is refused
 
 
-@pytest.mark.parametrize(("delay", "acceleration"), [(0.0, math.inf), (0.1, 3.0), (0.5, math.inf), (0.5, 1.0)])
-@pytest.mark.parametrize("crossed", [True, False])
+@pytest.mark.parametrize(  # a late answer to a command that alternates looks like one with the wrong sign
+    ("crossed", "delay", "acceleration"),
+    [(True, 0.0, math.inf), (True, 0.1, 3.0), (False, 0.1, 3.0), (False, 0.5, math.inf), (False, 0.5, 1.0)],
+)
 def test_wheels_that_turn_the_other_way_show_at_once_though_the_command_alternates(crossed, delay, acceleration):
     driver = Driver("crossed" if crossed else None, 2.0, delay=delay, acceleration=(math.inf, acceleration))
     agreement, omega, late = Agreement(BURGER, NOISES["wheel"]), 0.0, math.inf
@@ -186,8 +186,6 @@ def test_wheels_that_turn_the_other_way_show_at_once_though_the_command_alternat
         omega = 0.0 if k < 40 else sign
         if agreement.judge(Driver.dt, driver.step(Command(0.1, omega)), Command(0.1, omega)) and late == math.inf:
             late = driver.time - 2.0 - delay
-    if crossed and delay > 0.2:
-        pytest.skip("A late answer to a command that alternates looks like an answer with the wrong sign.")
     assert (late < 0.5) if crossed else (agreement.cause == "")
 
 

@@ -7,12 +7,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from turtlebot_gym import NAV, Episode, make_filter, make_parameters
+from turtlebot_gym import NAV, Episode, make_parameters
 from turtlebot_gym.estimation.filters import KalmanFilter
-from turtlebot_gym.models.odometry import counted, miscounts, sense
+from turtlebot_gym.models.odometry import counted, sense
 from turtlebot_gym.models.random import episode_key
-from turtlebot_gym.parameters import DeadReckoning, Noise, OdometryNoise, ProcessNoise
-from turtlebot_gym.presets import RECORDED, WHEEL, matched
+from turtlebot_gym.parameters import DeadReckoning, OdometryNoise, ProcessNoise
+from turtlebot_gym.presets import WHEEL, matched
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 
 KEY, DT = episode_key(3, 0), 0.1
@@ -23,10 +23,15 @@ def wheel(**numbers):
     return OdometryNoise(wheel=True, **numbers)
 
 
-def test_nothing_goes_wrong_unless_it_is_asked_for():
-    for at in range(200):
-        assert counted(BEFORE, AFTER, -0.1, wheel(), KEY, at, DT) == AFTER
-        assert not miscounts(-0.1, wheel(), KEY, at, DT)
+@pytest.mark.parametrize("dt", [0.05, 0.1])
+@pytest.mark.parametrize(("rate", "v"), [("leap", 0.1), ("reset", 0.1), ("reverse", -0.1)])
+def test_rates_are_per_tenth_of_a_second(rate, v, dt):
+    numbers, steps = {f"{rate}_probability": 0.1, "leap": 1.0}, round(4000 * DT / dt)
+    wrong = sum(counted(BEFORE, AFTER, v, wheel(**numbers), KEY, at, dt) != AFTER for at in range(steps))
+    assert abs(wrong - 400) < 4.0 * math.sqrt(400.0)  # one key in 10^4
+    assert all(counted(BEFORE, AFTER, v, wheel(leap=1.0), KEY, at, dt) == AFTER for at in range(100))
+    with pytest.raises(ValueError, match=f"OdometryNoise.{rate}_probability must be 0 without wheel"):
+        OdometryNoise(**numbers)
 
 
 def test_a_leap_has_its_length_in_any_direction_and_its_turn_to_either_side():
@@ -47,13 +52,6 @@ def test_a_reset_is_at_the_origin_and_reverse_motion_is_mirrored():
     assert counted(BEFORE, AFTER, -0.1, noise, KEY, 1, DT) == pytest.approx((0.9, 1.95, 0.6))
 
 
-@pytest.mark.parametrize("dt", [0.05, 0.1])
-def test_rates_are_per_tenth_of_a_second(dt):
-    noise, steps = wheel(leap_probability=0.1, leap=1.0), round(4000 * DT / dt)
-    leaps = sum(counted(BEFORE, AFTER, 0.1, noise, KEY, at, dt) != AFTER for at in range(steps))
-    assert abs(leaps - 400) < 4.0 * math.sqrt(400.0)  # one key in 10^4
-
-
 @pytest.mark.parametrize("gap_end", [1.0, 0.25])
 def test_gaps_are_as_long_as_they_should_be(gap_end):
     noise, odometry, lost = OdometryNoise(dropout_probability=0.05, gap_end=gap_end), Odometry(BEFORE, STOP, True), []
@@ -63,12 +61,6 @@ def test_gaps_are_as_long_as_they_should_be(gap_end):
     starts = sum(now and not before for before, now in pairwise(lost))
     expected = 1.0 / min(gap_end, 1.0 - noise.dropout_probability)  # a loss may follow a loss by chance
     assert sum(lost) / starts == pytest.approx(expected, rel=0.15)
-
-
-@pytest.mark.parametrize("name", ["leap_probability", "reset_probability", "reverse_probability"])
-def test_a_measured_pose_cannot_be_miscounted(name):
-    with pytest.raises(ValueError, match=f"OdometryNoise.{name} must be 0 without wheel"):
-        OdometryNoise(**{name: 0.1})
 
 
 def error_after(noise, kind=None, seed=0):
@@ -89,6 +81,8 @@ LEAPING = replace(STEADY, odometry=wheel(leap_probability=0.02, leap=1.0, leap_t
 def test_dead_reckoning_does_not_follow_a_leap_that_its_twist_does_not_explain():
     assert error_after(STEADY) < 1e-9
     assert max(error_after(LEAPING, seed=seed) for seed in range(3)) < 0.1
+    gaps = replace(STEADY, odometry=wheel(dropout_probability=0.05, gap_end=0.1))  # what a gap hides is no leap
+    assert max(error_after(gaps, seed=seed) for seed in range(3)) < 0.5
     assert min(error_after(LEAPING, DeadReckoning(), seed) for seed in range(3)) > 0.5
 
 
@@ -103,28 +97,6 @@ def test_a_leap_is_what_is_farther_than_the_twist_explains_in_the_time_since_the
     assert bool(kf.belief.mean[0] == pytest.approx(way)) is carried
 
 
-def test_dead_reckoning_goes_on_after_a_reset():
-    kf = KalmanFilter(matched(WHEEL))
-    kf.start(Pose(2.0, 1.0, 0.0))
-    kf.step(Command(0.2, 0.0), Pose(2.0, 1.0, 0.0))
-    kf.step(Command(0.2, 0.0), Pose(0.0, 0.0, 0.0))  # the pose begins again; the twist has moved the robot
-    assert kf.belief.mean[:2] == pytest.approx([2.02, 1.0])
-    kf.step(Command(0.2, 0.0), Pose(0.02, 0.0, 0.0))
-    assert kf.belief.mean[:2] == pytest.approx([2.04, 1.0])
-
-
-def test_what_a_gap_hides_is_no_leap():
-    gaps = replace(STEADY, odometry=wheel(dropout_probability=0.05, gap_end=0.1))
-    assert max(error_after(gaps, seed=seed) for seed in range(3)) < 0.5
-    kf = KalmanFilter(matched(WHEEL))
-    kf.start(Pose(0.0, 0.0, 0.0))
-    for _ in range(20):
-        kf.step(Command(0.2, 0.0))
-    kf.step(Command(0.2, 0.0), Pose(0.42, 0.0, 0.0))
-    assert kf.belief.mean[0] == pytest.approx(0.42)
-    assert kf.estimate.rejections == 0
-
-
 def test_the_twist_is_counted_as_the_pose_is():
     backing = Episode(make_parameters(NAV, noise=replace(STEADY, odometry=wheel(reverse_probability=1.0))), seed=1)
     for _ in range(10):
@@ -132,9 +104,3 @@ def test_the_twist_is_counted_as_the_pose_is():
     truth, start = backing.world.body, backing.world.senses.odometry
     assert truth.true_state.v < 0.0 < start.twist.v
     assert backing.world.estimate.belief.mean.v > 0.0
-
-
-def test_the_preset_is_for_wheels_alone_and_its_systematic_errors_can_be_calibrated():
-    assert RECORDED.odometry.wheel
-    known = make_filter("calibrated", Noise(process=RECORDED.process, odometry=RECORDED.odometry)).process
-    assert (known.scale, known.turn_scale, known.veer) == (0.979, 1.009, 0.0359)

@@ -178,11 +178,3 @@ def test_what_each_observation_shows_and_states(observation, distance, sine, v, 
     o = Observation(*episode.observe())
     shown = (o.distance, o.sin_bearing, o.v, o.omega, o.std_position, o.std_heading, o.nis)
     assert shown == pytest.approx((distance, sine, v, omega, std_position, std_heading, nis))
-
-
-def test_an_episode_that_is_stepped_beyond_its_end_stays_at_its_end():
-    task, waypoints = Options(task="square", waypoints=[Pose(0.2, 0.0, 0.0)]).course()
-    episode = Episode(make_parameters(task, noise="clean"), waypoints)
-    ends = [episode.step(Command(0.2, 0.0)).terminated for _ in range(5)]
-    assert ends == [True] * 5  # within 0.3 m from the beginning
-    assert episode.world.course.visited == 5.0

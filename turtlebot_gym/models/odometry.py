@@ -37,7 +37,7 @@ def measure(
     """
     half = 0.5 * noise.spike_probability
     spike = noise.spike if event < half else (-noise.spike if event < noise.spike_probability else 0.0)
-    x, y, theta = (wheels.x, wheels.y, wheels.theta) if noise.wheel else (pose.x, pose.y, pose.theta)
+    x, y, theta = wheels if noise.wheel else pose
     return Pose(
         quantize(x + noise.bias[0] + sqrt(noise.R[0]) * position[0], noise.quantization[0]),
         quantize(y + noise.bias[1] + sqrt(noise.R[1]) * position[1], noise.quantization[0]),
@@ -73,7 +73,7 @@ def counted(before: Pose, after: Pose, v: float, noise: OdometryNoise, key: int,
     turn = noise.leap_turn if to < 0.5 else -noise.leap_turn
     x, y = (x + noise.leap * cosine if leaps else x), (y + noise.leap * sine if leaps else y)
     theta = wrap(after.theta + turn) if leaps else after.theta
-    return Pose(0.0 if resets else x, 0.0 if resets else y, 0.0 if resets else theta)
+    return Pose(0.0, 0.0, 0.0) if resets else Pose(x, y, theta)
 
 
 @kernel
@@ -94,9 +94,7 @@ def sense(pose: Pose, wheels: Pose, twist: Command, before: Odometry, noise: Odo
     z = measure(pose, wheels, noise, normals(key, at, POSITION), heading, event)
     goes_on = (dropout < 1.0 - noise.gap_end) & (not before.measured)
     measured = ((dropout >= noise.dropout_probability) & (not goes_on)) | (at == 0)  # without the branch of an `or`
-    last = before.pose
-    newest = Pose(z.x if measured else last.x, z.y if measured else last.y, z.theta if measured else last.theta)
-    return Odometry(newest, twist, measured)
+    return Odometry(z if measured else before.pose, twist, measured)
 
 
 @kernel

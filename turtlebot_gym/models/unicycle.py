@@ -62,20 +62,14 @@ def accelerate(before: Command, command: Command, robot: Robot, dt: float) -> Co
 
 
 class _Displacement(NamedTuple):
-    """A displacement in an interval, and its derivatives beyond 0 and 1."""
+    """A displacement, m, m, rad; and the derivatives of x and y with respect to heading, speed and turning rate."""
 
     x: float
-    """m"""
     y: float
-    """m"""
     theta: float
-    """rad"""
     x_theta: float
-    """Derivative of x with respect to the heading."""
     x_v: float
-    """Derivative of x with respect to the speed."""
     x_omega: float
-    """Derivative of x with respect to the turning rate."""
     y_theta: float
     y_v: float
     y_omega: float
@@ -94,18 +88,8 @@ def motion(theta: float, v: float, omega: float, dt: float, integrator: float) -
     """
     sine, cosine = sincos(theta + integrator * omega * dt)
     x_theta, y_theta = -v * sine * dt, v * cosine * dt
-    share = integrator * dt
-    return _Displacement(
-        v * cosine * dt,
-        v * sine * dt,
-        omega * dt,
-        x_theta,
-        cosine * dt,
-        share * x_theta,
-        y_theta,
-        sine * dt,
-        share * y_theta,
-    )
+    of_x, of_y = (x_theta, cosine * dt, integrator * dt * x_theta), (y_theta, sine * dt, integrator * dt * y_theta)
+    return _Displacement(v * cosine * dt, v * sine * dt, omega * dt, *of_x, *of_y)
 
 
 @kernel
