@@ -31,10 +31,28 @@ def sight(room, points):
     return ScanPoints(room.field, room.frame, points, points.shape[1])
 
 
-def hall():
-    """Return a hall of 5 m by 4 m with an inner wall and a pillar: no pose in it looks like another."""
+def off(located, pose):
+    """Return by how much a belief is off a pose, m and rad."""
+    mean = located.belief.mean
+    return math.hypot(mean.x - pose[0], mean.y - pose[1]), abs(math.remainder(mean.theta - pose[2], 2.0 * math.pi))
+
+
+def nonsense(rng, low, high, number=40):
+    """Return a scan that no pose explains."""
+    angles, lengths = np.linspace(0.0, 2.0 * math.pi, number, endpoint=False), rng.uniform(low, high, number)
+    return np.array([lengths * np.cos(angles), lengths * np.sin(angles), np.cos(angles), np.sin(angles), lengths])
+
+
+def empty_hall():
+    """Return a hall of 5 m by 4 m of which each half looks like the other."""
     occupied = np.ones((92, 112), np.bool_)
     occupied[6:86, 6:106] = False
+    return occupied
+
+
+def hall():
+    """Return that hall with an inner wall and a pillar: no pose in it looks like another."""
+    occupied = empty_hall()
     occupied[6:50, 60:66] = True
     occupied[60:70, 20:28] = True
     return occupied

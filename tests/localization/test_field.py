@@ -25,17 +25,14 @@ def nearest(marked, what):
     return np.sqrt(((cells[:, None] - places[None]) ** 2).sum(2).min(1)).reshape(what.shape)
 
 
-def test_cells_are_as_far_from_the_border_as_brute_force_says(occupied):
-    field = np.empty(occupied.shape, np.float32)
-    field_of_cells(occupied, SIDE, field)
-    expected = np.where(occupied, 0.5 - nearest(~occupied, occupied), nearest(occupied, occupied) - 0.5) * SIDE
-    np.testing.assert_allclose(field, np.clip(expected, -REACH, REACH), atol=1e-6)
-
-
-def test_hits_are_as_far_as_brute_force_says(occupied):
-    field = np.empty(occupied.shape, np.float32)
-    field_of_hits(occupied, SIDE, field)
-    np.testing.assert_allclose(field, np.minimum(nearest(occupied, occupied) * SIDE, REACH), atol=1e-6)
+def test_cells_and_hits_are_as_far_as_brute_force_says(occupied):
+    cells, hits = np.empty(occupied.shape, np.float32), np.empty(occupied.shape, np.float32)
+    field_of_cells(occupied, SIDE, cells)
+    field_of_hits(occupied, SIDE, hits)
+    to_occupied = nearest(occupied, occupied)
+    expected = np.where(occupied, 0.5 - nearest(~occupied, occupied), to_occupied - 0.5) * SIDE
+    np.testing.assert_allclose(cells, np.clip(expected, -REACH, REACH), atol=1e-6)
+    np.testing.assert_allclose(hits, np.minimum(to_occupied * SIDE, REACH), atol=1e-6)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, -2.4])

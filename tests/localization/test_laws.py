@@ -4,16 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from localization_rooms import corridor, hall, make_room, scan_of, sight
+from localization_rooms import corridor, hall, make_room, nonsense, off, scan_of, sight
 
-from turtlebot_gym.estimation.filters import covariance_of, matrix
-from turtlebot_gym.estimation.sixth import NOTHING, Sixth, correct_both
+from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.localization.descent import WIDTH, agreement
-from turtlebot_gym.localization.information import Guess, Information, blurred, condition, information
+from turtlebot_gym.localization.information import Guess, blurred, condition, information
 from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, locate, move, scan, state_of
 from turtlebot_gym.localization.tuning import ROBOT, LocalizerTuning
 from turtlebot_gym.rooms.field import sample
-from turtlebot_gym.values import STOP, Belief, Pose, State
+from turtlebot_gym.values import STOP, Pose
 
 Q = LocalizerTuning(bias=0.012, turn_bias=0.004, doubt=0.0)
 KNOWN, WIDE = (1e-3, 1e-3, 1e-3), (1.0, 1.0, 1.0)
@@ -40,37 +39,31 @@ def found(room, points, start, R=KNOWN, q=Q):
     return scan(locate(Pose(*start), R, q), sight(room, points), q)
 
 
-def off(located, pose):
-    mean = located.belief.mean
-    return math.hypot(mean.x - pose[0], mean.y - pose[1]), abs(math.remainder(mean.theta - pose[2], 2.0 * math.pi))
-
-
 def test_without_noise_a_scan_leaves_no_error_in_pose_and_scale(in_hall):
+    """The partner: without the state of the scale, the same scan moves the pose instead."""
     room, pose, points = in_hall
-    q = LocalizerTuning(iterations=30)
     long = points.copy()
     long[[0, 1, 4]] *= 1.02
-    located = found(room, long, (pose[0] + 0.05, pose[1] - 0.04, pose[2] + 0.05), WIDE, q)
+    start = (pose[0] + 0.05, pose[1] - 0.04, pose[2] + 0.05)
+    located = found(room, long, start, WIDE, LocalizerTuning(iterations=30))
     assert max(off(located, pose)) < 2e-3
     assert abs(located.scale.mean - 0.02) < 2e-3
+    excluded = found(room, long, start, WIDE, LocalizerTuning(iterations=30, scale=0.0))
+    assert excluded.scale == (0.0, 0.0, (0.0,) * 3)
+    assert off(excluded, pose)[0] > 3.0 * off(located, pose)[0]
 
 
-def test_information_is_symmetric_and_never_negative(in_hall):
-    room, pose, points = in_hall
-    L, _ = full(informed(room, pose, points))
-    assert np.linalg.eigvalsh(L)[0] > 0.0
-    M, _ = full(blurred(informed(room, pose, points), 1e-4, 1e-5))
-    C = np.diag([1e-4, 1e-4, 1e-5, 0.0])
-    np.testing.assert_allclose(M, np.linalg.inv(np.linalg.inv(L) + C), rtol=1e-9)
-
-
-def test_a_further_beam_never_lowers_the_information(in_hall):
+def test_information_is_symmetric_and_grows_with_each_beam(in_hall):
     room, pose, points = in_hall
     before = np.zeros((4, 4))
     for number in range(1, points.shape[1] + 1):
         L, _ = full(informed(room, pose, points[:, :number]))
         assert np.linalg.eigvalsh(L - before)[0] > -1e-9 * np.abs(L).max()
         before = L
+    assert np.linalg.eigvalsh(L)[0] > 0.0
+    M, _ = full(blurred(informed(room, pose, points), 1e-4, 1e-5))
+    C = np.diag([1e-4, 1e-4, 1e-5, 0.0])
+    np.testing.assert_allclose(M, np.linalg.inv(np.linalg.inv(L) + C), rtol=1e-9)
 
 
 def test_jacobians_are_those_of_finite_differences(in_hall):
@@ -115,20 +108,6 @@ def test_conditioning_is_that_of_matrices(in_hall):
     z = np.array(guess) - np.linalg.solve(M, gradient) - mean
     assert freedom == 3.0
     assert nis == pytest.approx(z @ np.linalg.solve(prior + np.linalg.inv(M), z), rel=1e-6)
-
-
-def test_a_fix_says_the_same_by_its_information_and_by_its_covariance():
-    root = np.random.default_rng(2).standard_normal((5, 5))
-    belief = Belief(State(0.3, -0.2, 0.4, 0.1, 0.2), covariance_of(root @ root.T))
-    R = np.array([[0.19, 0.11, 0.02], [0.11, 0.07, 0.01], [0.02, 0.01, 0.04]])
-    M, z, nothing = np.linalg.inv(R), (0.5, 0.1, 0.3), Pose(0.0, 0.0, 0.0)
-    L = Information(M[0, 0], M[0, 1], M[0, 2], 0.0, M[1, 1], M[1, 2], 0.0, M[2, 2], 0.0, 0.0, *[0.0] * 4, 1.0, 40.0)
-    by_information, _, nis, freedom = condition(belief, Sixth(0.0, 0.0, nothing), at(z), L)
-    entries = (*np.diag(R).tolist(), R[0, 1], R[0, 2], R[1, 2])
-    by_covariance, _, expected = correct_both(belief, NOTHING, Pose(*z), entries)
-    np.testing.assert_allclose(by_information.mean, by_covariance.mean, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(by_information.covariance, by_covariance.covariance, rtol=0, atol=1e-12)
-    assert (nis, freedom) == (pytest.approx(expected, rel=1e-9), 3.0)
 
 
 def test_a_corridor_without_ends_says_nothing_along_it():
@@ -176,15 +155,8 @@ def test_where_wheels_drift_during_a_scan_older_beams_say_less_and_the_newest_as
     assert np.linalg.eigvalsh(said(points, 0.0) - said(points, 1e-3)).min() > -1e-6
     np.testing.assert_array_equal(said(points[:, -1:].copy(), 1e-3), said(points[:, -1:].copy(), 0.0))
     half, turn = points.shape[1] // 2, 0.02  # the older half was seen before the robot turned further than its wheels say
-    c, s = math.cos(turn), math.sin(turn)
-    older[:4, :half] = np.vstack(
-        (
-            c * points[0] - s * points[1],
-            s * points[0] + c * points[1],
-            c * points[2] - s * points[3],
-            s * points[2] + c * points[3],
-        )
-    )[:, :half]
+    R = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    older[:2, :half], older[2:4, :half] = R @ points[:2, :half], R @ points[2:4, :half]
     drifted = locate(Pose(*pose), WIDE, Q)._replace(turn_drift=turn**2)
     aware, unaware = (scan(drifted, sight(room, older), Q, (0.0, sweep)) for sweep in (2.0, 0.0))
     assert off(aware, pose)[1] < 0.8 * off(unaware, pose)[1]
@@ -205,36 +177,22 @@ def test_standing_still_never_gains_more_than_the_map_knows(in_hall):
     assert driven.taken == 0.0
 
 
-def test_ranges_with_a_scale_that_the_prior_excludes_move_the_pose_instead(in_hall):
-    """The partner of the first law: without the state, the same scan leaves an error."""
-    room, pose, points = in_hall
-    long = points.copy()
-    long[[0, 1, 4]] *= 1.03
-    known = found(room, long, pose, WIDE, LocalizerTuning(scale=0.0))
-    learned = found(room, long, pose, WIDE, LocalizerTuning())
-    assert known.scale == (0.0, 0.0, (0.0,) * 3)
-    assert off(learned, pose)[0] < 0.3 * off(known, pose)[0]
-
-
 @pytest.mark.parametrize("cells", [1, 2, 3])
 def test_in_walls_of_some_cells_long_ranges_say_as_much_as_short_ones(monkeypatch, cells):
     """Noise of 4 cm at 60 places: the scale of the ranges comes out right to 4 standard errors, 0.15 %."""
     occupied = np.zeros((92, 112), np.bool_)
     occupied[6:86, 6:106] = True
     occupied[6 + cells : 86 - cells, 6 + cells : 106 - cells] = False
-    room, rng = make_room(occupied), np.random.default_rng(6)
-    scans = []
+    room, rng, scans = make_room(occupied), np.random.default_rng(6), []
     for _ in range(60):
         pose = (*rng.uniform((1.5, 1.5), (4.0, 3.0)).tolist(), float(rng.uniform(-3.0, 3.0)))
         points = scan_of(room, pose)
-        noise = 0.04 * rng.standard_normal(points.shape[1])
-        points[[0, 1, 4]] += noise * np.array([points[2], points[3], np.ones_like(noise)])
+        points[[0, 1, 4]] += 0.04 * rng.standard_normal(points.shape[1]) * np.vstack((points[2:4], np.ones(points.shape[1])))
         scans.append((pose, points))
 
     def scale():
-        scanned = [
-            informed(room, pose, points, q=LocalizerTuning(deviation=0.04, deviation_share=0.0)) for pose, points in scans
-        ]
+        q = LocalizerTuning(deviation=0.04, deviation_share=0.0)
+        scanned = [informed(room, pose, points, q=q) for pose, points in scans]
         return -sum(L.scale for L in scanned) / sum(L.ss for L in scanned)
 
     assert abs(scale()) < 0.0015
@@ -243,7 +201,7 @@ def test_in_walls_of_some_cells_long_ranges_say_as_much_as_short_ones(monkeypatc
         assert scale() < -0.003
 
 
-@pytest.mark.parametrize("start", [(0.3, 0.0, 0.0), (-0.2, 0.2, 0.0), (0.0, 0.0, 0.3), (0.0, 0.0, -0.3)])
+@pytest.mark.parametrize("start", [(-0.2, 0.2, 0.0), (0.0, 0.0, 0.3)])
 def test_one_scan_corrects_a_start_that_is_off(in_hall, start):
     room, pose, points = in_hall
     located = found(room, points, tuple(a + b for a, b in zip(pose, start, strict=True)), KNOWN, ROBOT)
@@ -254,18 +212,14 @@ def test_one_scan_corrects_a_start_that_is_off(in_hall, start):
 
 def test_a_scan_that_no_place_explains_makes_it_unsure_and_in_the_end_lost(in_hall):
     room, pose, _ = in_hall
-    angles = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
-    lengths = 0.4 + 0.9 * np.random.default_rng(1).random(40)
-    nonsense = np.array([lengths * np.cos(angles), lengths * np.sin(angles), np.cos(angles), np.sin(angles), lengths])
-    located, variances, states = locate(Pose(*pose), (1e-4, 1e-4, 1e-4), ROBOT), [], []
+    points, located, states = nonsense(np.random.default_rng(1), 0.4, 1.3), locate(Pose(*pose), (1e-4, 1e-4, 1e-4), ROBOT), []
     for _ in range(10):
-        located = scan(located, sight(room, nonsense), ROBOT)
-        variances.append(located.belief.covariance.xx)
-        states.append(state_of(located, ROBOT))
-    assert states == sorted(states)
-    assert states[0] == UNSURE
-    assert states[-1] == LOST
-    assert variances[-1] > variances[0]
+        located = scan(located, sight(room, points), ROBOT)
+        states.append((state_of(located, ROBOT), located.belief.covariance.xx))
+    (first, variance), (last, wider) = states[0], states[-1]
+    assert states == sorted(states, key=lambda each: each[0])
+    assert (first, last) == (UNSURE, LOST)
+    assert wider > variance
 
 
 def test_too_few_beams_say_nothing_and_beams_on_unknown_ground_contradict(in_hall):

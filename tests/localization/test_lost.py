@@ -1,10 +1,8 @@
 """Lost means lost: who has left the map, and who is carried off among people; what beams of people say about a place."""
 
-import math
-
 import numpy as np
 import pytest
-from localization_rooms import hall, make_room, scan_of, sight
+from localization_rooms import hall, make_room, off, scan_of, sight
 
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.bank import COLUMNS, ROWS
@@ -16,6 +14,7 @@ from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.values import STOP, Pose
 
 HERE, THERE = (1.7, 2.1, 0.4), (4.6, 0.8, -2.9)
+slow_in_plain = pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python")
 SURE, REST, NO_DRIFT = (1e-4, 1e-4, 1e-4), Pose(0.0, 0.0, 0.0), (0.0, 0.0)
 
 
@@ -36,11 +35,6 @@ def crowded(points, rng, share):
     blocks = points.shape[1] // 4
     hidden = np.repeat(rng.permutation(blocks) < share * blocks, 4)
     return ended(points, np.flatnonzero(hidden), np.repeat(rng.uniform(0.1, 0.9, blocks), 4)[: hidden.sum()])
-
-
-def off(located, pose):
-    mean = located.belief.mean
-    return max(math.hypot(mean.x - pose[0], mean.y - pose[1]), abs(math.remainder(mean.theta - pose[2], 2.0 * math.pi)))
 
 
 @pytest.mark.parametrize(("share", "agrees"), [(1.0, 1.0), (0.4, 30.0 / (30.0 + 10.0 * ROBOT.short)), (1.7, 30.0 / 40.0)])
@@ -82,7 +76,7 @@ def test_people_hardly_move_the_belief_and_do_not_put_it_in_doubt(room):
     located, bank = locate(Pose(*HERE), SURE, ROBOT), np.zeros((ROWS, COLUMNS))
     for _ in range(40):
         located = look(located, bank, sight(room, crowded(points, rng, 0.25)), REST, ROBOT)
-        errors.append(off(located, HERE))
+        errors.append(max(off(located, HERE)))
         assert state_of(located, ROBOT) == TRACKING
     assert max(errors) < 0.02
     for _ in range(int(ROBOT.patience)):
@@ -90,7 +84,7 @@ def test_people_hardly_move_the_belief_and_do_not_put_it_in_doubt(room):
     assert state_of(located, ROBOT) == LOST
 
 
-@pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
+@slow_in_plain
 @pytest.mark.parametrize("start", [(500.0, 500.0, 0.0), (-3.0, 2.0, 1.0)])
 def test_a_belief_outside_of_the_map_is_lost_after_its_patience_and_found_by_its_evidence(room, start, in_machine_code):
     points, bank, states = scan_of(room, HERE, 60), np.zeros((ROWS, COLUMNS)), []
@@ -101,10 +95,10 @@ def test_a_belief_outside_of_the_map_is_lost_after_its_patience_and_found_by_its
     assert TRACKING not in states[: int(ROBOT.patience)]
     assert states[int(ROBOT.patience) - 1] == LOST
     assert states[-1] == TRACKING
-    assert off(located, HERE) < 0.02
+    assert max(off(located, HERE)) < 0.02
 
 
-@pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
+@slow_in_plain
 @pytest.mark.parametrize("unknown", [True, False])
 def test_among_people_a_robot_is_found_and_its_own_place_not_given_up_before(room, unknown, in_machine_code):
     """Without a place of its own it may take one that nearly all beams of a scan fit by luck."""
@@ -116,7 +110,7 @@ def test_among_people_a_robot_is_found_and_its_own_place_not_given_up_before(roo
             since = number
     assert since is not None
     assert unknown or since >= ENOUGH - 1
-    assert off(located, THERE) < 0.05
+    assert max(off(located, THERE)) < 0.05
 
 
 @pytest.fixture(scope="module")
@@ -136,12 +130,12 @@ def driven(room, half, way, wheels, in_machine_code):
         if k > 0:
             located = move(located, wheels[k - 1], wheels[k], STOP, NO_DRIFT, 0.2, ROBOT)
         located = in_machine_code(located, bank, sight(half, scan_of(room, at, 60)), wheels[k])
-        results.append((state_of(located, ROBOT), off(located, at)))
+        results.append((state_of(located, ROBOT), max(off(located, at))))
     return tuple(map(np.array, zip(*results, strict=True)))
 
 
-@pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python")
-@pytest.mark.parametrize("known", [3.0, 3.5, 4.0])
+@slow_in_plain
+@pytest.mark.parametrize("known", [3.0, 4.0])
 def test_a_belief_that_leaves_its_map_is_not_driven_by_for_long_and_right_again_inside(room, known, in_machine_code):
     """Its partner: a belief in the whole map, which is never lost on the same way."""
     field, x = room.field.copy(), np.concatenate((np.full(10, 0.8), np.linspace(0.8, 4.8, 60), np.linspace(4.8, 0.8, 60)))
@@ -157,8 +151,8 @@ def test_a_belief_that_leaves_its_map_is_not_driven_by_for_long_and_right_again_
     assert errors.max() < 0.1
 
 
-@pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
-@pytest.mark.parametrize("spike", [(0.5, 0.0, 0.0), (0.0, -0.6, 0.0), (0.0, 0.0, 0.5), (0.3, 0.3, -0.35)])
+@slow_in_plain
+@pytest.mark.parametrize("spike", [(0.0, -0.6, 0.0), (0.3, 0.3, -0.35)])
 def test_a_robot_whose_scans_fit_is_not_lost_by_a_leap_of_its_odometry(room, spike, in_machine_code):
     way = [Pose(0.8 + 0.02 * k, 2.75, 0.2) for k in range(40)]
     leapt = [Pose(*(a + b for a, b in zip(at, spike, strict=True))) if k % 20 == 10 else at for k, at in enumerate(way)]
@@ -167,12 +161,11 @@ def test_a_robot_whose_scans_fit_is_not_lost_by_a_leap_of_its_odometry(room, spi
     assert errors.max() < 0.1
 
 
-@pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
-@pytest.mark.parametrize("seed", range(3))
+@slow_in_plain
 @pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (0.25, 0.25), (0.0, 0.25), (0.1, 0.3)])
-def test_a_place_believed_anew_is_left_if_more_beams_end_short_than_before(room, before, after, seed, in_machine_code):
+def test_a_place_believed_anew_is_left_if_more_beams_end_short_than_before(room, before, after, in_machine_code):
     """Its partner: the same beams do not move a robot whose place was never in doubt."""
-    points, rng, located = scan_of(room, HERE, 60), np.random.default_rng(seed), nowhere(ROBOT)
+    points, rng, located = scan_of(room, HERE, 60), np.random.default_rng(0), nowhere(ROBOT)
     bank, other = np.zeros((2, ROWS, COLUMNS))
     while state_of(located, ROBOT) != TRACKING:
         located = in_machine_code(located, bank, sight(room, crowded(points, rng, before)))
@@ -186,7 +179,7 @@ def test_a_place_believed_anew_is_left_if_more_beams_end_short_than_before(room,
     assert (LOST in anew) == (after > before)
 
 
-@pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
+@slow_in_plain
 def test_in_a_long_corridor_a_place_that_looks_like_all_others_is_not_believed(in_machine_code):
     """Its partner: an end that is in sight tells them apart."""
     occupied = np.zeros((60, 800), np.bool_)
@@ -201,10 +194,3 @@ def test_in_a_long_corridor_a_place_that_looks_like_all_others_is_not_believed(i
             located = in_machine_code(located, bank, sight(room, points))
         states.append(state_of(located, ROBOT))
     assert states == [LOST, TRACKING]
-
-
-def test_time_passes_by_moving():
-    located = locate(Pose(0.0, 0.0, 0.0), SURE, ROBOT)
-    for _ in range(3):
-        located = move(located, REST, REST, STOP, NO_DRIFT, 0.25, ROBOT)
-    assert located.silent == 0.75

@@ -19,26 +19,25 @@ POSES = [Pose(-0.4, -0.6, 2.9), Pose(-0.38, -0.58, 3.05), Pose(-0.35, -0.57, -3.
 DT = 0.1
 
 
-def scan(lidar):
+def scan():
     """Return the scene after a revolution on the way through the poses."""
-    scene = PLAN.scene(beams=lidar.beams)
-    aim(scene.lidar.beams, lidar)
-    divide(scene.lidar.spans, lidar.yaw, lidar.beams)
+    scene, half = PLAN.scene(beams=LIDAR.beams), LIDAR.beams // 2
+    aim(scene.lidar.beams, LIDAR)
+    divide(scene.lidar.spans, LIDAR.yaw, LIDAR.beams)
     for at in (1, 2):
-        first, last = (at - 1) * lidar.beams // 2, at * lidar.beams // 2
-        measure(scene, POSES[at - 1], POSES[at], first, last, (at - 1) * DT, 1, lidar, DT)
+        measure(scene, POSES[at - 1], POSES[at], (at - 1) * half, at * half, (at - 1) * DT, 1, LIDAR, DT)
     return scene
 
 
-def off(interval, lidar=LIDAR):
+def off(interval):
     """Return how far each end lies from the nearest surface, m."""
-    scene, trail, points = scan(lidar), np.empty((4, 4)), np.empty((5, lidar.beams))
+    scene, trail, points = scan(), np.empty((4, 4)), np.empty((5, LIDAR.beams))
     rest(trail, 0.0, POSES[0])
     for at in (1, 2):
         remember(trail, at * DT, POSES[at])
-    timing = Timing(2.0 * DT, interval, lidar.x, lidar.y, lidar.range_max)
+    timing = Timing(2.0 * DT, interval, LIDAR.x, LIDAR.y, LIDAR.range_max)
     number = to_points(scene.lidar.ranges[1], scene.lidar.beams, 0, timing, trail, points)
-    assert number == lidar.beams
+    assert number == LIDAR.beams
     x, y, theta = POSES[-1]
     c, s = math.cos(theta), math.sin(theta)
     np.testing.assert_allclose(np.hypot(*points[2:4]), 1.0)
@@ -46,30 +45,27 @@ def off(interval, lidar=LIDAR):
 
 
 def test_deskewed_ends_lie_on_the_surfaces_that_they_hit():
+    """The partner: without the times of the beams they miss them."""
     assert off(1.0 / (LIDAR.rate * LIDAR.beams)).max() < 1e-6  # ranges are of single precision
-
-
-def test_without_the_times_of_the_beams_ends_miss_the_surfaces():
     assert off(0.0).max() > 0.1
 
 
-@pytest.mark.parametrize(
-    ("turn", "most", "used"),
-    [(0, 2, [2.0]), (1, 2, [1.0, 3.0]), (2, 2, [2.0]), (0, 3, [1.0, 2.0, 3.0]), (5, 9, [1.0, 2.0, 3.0])],
-)
-def test_the_beams_are_spread_over_those_with_a_measurement(turn, most, used):
-    ranges = np.array([1.0, np.nan, np.inf, 0.0, -1.0, 9.5, 2.0, 3.0], np.float32)
-    trail, points = np.zeros((2, 4)), np.empty((5, most))
-    timing = Timing(0.0, 0.0, 0.0, 0.0, 9.0)
-    number = to_points(ranges, directions(np.linspace(0.0, 3.0, 8)), turn, timing, trail, points)
-    np.testing.assert_array_equal(points[4, :number], used)
-
-
-def test_successive_scans_use_all_beams():
+def test_the_beams_are_spread_over_those_with_a_measurement_and_successive_scans_use_all():
+    timing, trail = Timing(0.0, 0.0, 0.0, 0.0, 400.0), np.zeros((2, 4))
+    ranges = np.array([1.0, np.nan, np.inf, 0.0, -1.0, 400.5, 2.0, 3.0], np.float32)
+    for turn, most, expected in (
+        (0, 2, [2.0]),
+        (1, 2, [1.0, 3.0]),
+        (2, 2, [2.0]),
+        (0, 3, [1.0, 2.0, 3.0]),
+        (5, 9, [1.0, 2.0, 3.0]),
+    ):
+        points = np.empty((5, most))
+        number = to_points(ranges, directions(np.linspace(0.0, 3.0, 8)), turn, timing, trail, points)
+        np.testing.assert_array_equal(points[4, :number], expected)
     ranges, points, used = np.arange(1.0, 361.0, dtype=np.float32), np.empty((5, 20)), set()
     for turn in range(18):
-        timing = Timing(0.0, 0.0, 0.0, 0.0, 400.0)
-        assert to_points(ranges, directions(np.zeros(360)), turn, timing, np.zeros((2, 4)), points) == 20
+        assert to_points(ranges, directions(np.zeros(360)), turn, timing, trail, points) == 20
         np.testing.assert_array_equal(np.diff(points[4]), 18.0)
         used |= set(points[4].tolist())
     assert len(used) == 360

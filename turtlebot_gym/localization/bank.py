@@ -18,12 +18,10 @@ from turtlebot_gym.values import Pose
 
 MOST = 16
 """Most hypotheses."""
-LAST = MOST + 1
-"""Row of a bank with the position of the odometry at the last scan, and whether the last search found only places that look
-alike."""
-RIGHT, OFF = 4, 5
-"""Columns of row `LAST`: whether the last scan that says anything about the belief agrees; beams in the unknown then do, too;
-and the evidence, in scans, that has come since the belief has left the map; 0 for one that has not."""
+LAST, RIGHT, OFF = MOST + 1, 4, 5
+"""Row of a bank with the position of the odometry at the last scan; whether the last search found only places that look alike;
+and in columns of their own whether the last scan that says anything about the belief agrees, beams in the unknown then do, too;
+and the evidence, in scans, that has come since the belief has left the map, 0 for one that has not."""
 TRIAL = MOST + 2
 """Row of a bank with the evidence, in scans, for which a place that is believed anew is on trial yet; the share of beams that
 usually fit where the robot is right; and that of the last scans."""

@@ -99,14 +99,8 @@ def widened(belief: Belief, position: float, heading: float) -> Belief:
 def agreement(sight: ScanPoints, at: Guess, width: float, least: float = 0.0, unknown: float = 0.0) -> float:
     """Return the mean over a scan's beams of ``1 / (1 + d^2 / width^2)``: a soft share of those that fit, without a prior.
 
-    The nearest cell's distance is enough for it.
-
-    Args:
-        sight: The scan and the map.
-        at: The pose in the map, and the share by which ranges are too long.
-        width: Residual at which a beam counts a half, m.
-        least: Value below which the result only needs to be below it, too: the other beams are then not looked at.
-        unknown: What a beam counts that ends in the unknown.
+    The nearest cell's distance, m, is enough for it. A beam that ends in the unknown counts ``unknown``. If the result is below
+    ``least``, it only needs to be below it: the other beams are then not looked at.
     """
     field, frame, points, number = sight
     rows, columns = field.shape
@@ -131,14 +125,8 @@ def agreement(sight: ScanPoints, at: Guess, width: float, least: float = 0.0, un
 def keep(best: Any, values: Any, count: int, guess: tuple[float, ...], value: float, apart: float, turned: float) -> int:
     """Put a guess into a list of the best, best first, at most one within a distance and a turn; return the list's length.
 
-    Args:
-        best: Guesses, shape (K, n).
-        values: Their values, shape (K,).
-        count: Number of guesses in the list.
-        guess: x, y and heading, and further numbers to keep with them.
-        value: Its value.
-        apart: The distance, m.
-        turned: The turn, rad.
+    A guess is x, y, heading, and further numbers to keep with them; ``best`` has shape (K, n), ``values`` shape (K,), and
+    ``count`` of their rows are in use.
     """
     last = count
     for k in range(count):

@@ -229,13 +229,8 @@ def look(
 ) -> Located:
     """Condition the belief on a scan; if the place is in doubt, also search the whole map, and follow the places found.
 
-    Args:
-        located: The localizer.
-        bank: Hypotheses, shape (`ROWS`, `COLUMNS`), written and read while the place is in doubt.
-        sight: The scan, as seen from the present pose, and the map.
-        wheels: The odometry at the present pose.
-        q: A `LocalizerTuning`.
-        unseen: Number of moves since the scan and during it, see `points.swept`.
+    The bank of hypotheses is written and read while the place is in doubt; ``wheels`` is the odometry at the present pose. For
+    ``unseen`` see `localizer.scan`.
     """
     in_doubt, since = located.misfits >= q.patience, int(located.misfits - q.patience)
     if located.scans == 0.0:  # the bank may be that of another drive
@@ -263,13 +258,8 @@ def correct_by_scan(
 ) -> Located:
     """Condition the belief on a scan as it was measured: on at most `beams` of its beams, with those of the next between them.
 
-    Args:
-        located: The localizer.
-        ranges: Shape (B,), m; see `points.to_points`.
-        beams: Directions in the robot's frame, shape (2 or more, B): cosine and sine.
-        timing: When and where they were measured.
-        memory: Map, odometry and hypotheses.
-        q: The assumptions.
+    Ranges, m, directions of beams in the robot's frame and timing are those of `points.to_points`; map, odometry and hypotheses
+    are in the memory.
     """
     trail, points = memory.trail, np.empty((5, int(q.beams)))
     number = to_points(ranges, beams, int(located.scans), timing, trail, points)

@@ -34,12 +34,9 @@ FITTING = 0.9
 """Share of fitting beams from which a surprise is attributed to the wheels."""
 LEAP = 0.3
 """Correction by one scan, m or rad, after which the whole map is searched too."""
-UNUSUAL = 2.0
-"""Factor of the usual share of beams that do not fit, see `LocalizerTuning.suspicion`."""
-HABIT = 100.0
-"""Scans over which the localizer learns how many beams usually fit."""
-CALM = 40.0
-"""Scans for which the localizer does not look elsewhere again once it has seen that it is right."""
+UNUSUAL, HABIT, CALM = 2.0, 100.0, 40.0
+"""Factor of the usual share of beams that do not fit, see `LocalizerTuning.suspicion`; scans over which the localizer learns
+that share; and scans for which it does not look elsewhere again once it has seen that it is right."""
 SURE = 0.95
 """Weight from which on the best hypothesis is believed."""
 SHARED = 3.0
@@ -48,11 +45,9 @@ HIDDEN = 0.25
 """Share of the drift during a scan that remains: the mean of a random walk differs from its end by a third of the walk's
 variance, that of beams that count the more the newer they are by less."""
 TRACKING, UNSURE, LOST = 0, 1, 2
-"""States of a localizer, see `state_of`."""
-VAGUE = 0.25
-"""Standard deviation of the position beyond which a robot is unsure, m."""
-SILENT = 2.0
-"""Time without a scan that agrees with the belief after which the robot is lost, s."""
+VAGUE, SILENT = 0.25, 2.0
+"""Standard deviation of the position beyond which a robot is unsure, m, and time without a scan that agrees with the belief
+after which it is lost, s."""
 
 
 class Located(NamedTuple):
@@ -120,16 +115,10 @@ def _spread(
 def move(
     located: Located, before: Pose, now: Pose, twist: Command, drift: tuple[float, float], dt: float, q: LocalizerTuning
 ) -> Located:
-    """Move the belief as the odometry moved.
+    """Move the belief as the odometry moved in an interval of ``dt`` s, from a pose to another.
 
-    Args:
-        located: The localizer.
-        before: Odometry at the start of the interval.
-        now: Odometry at its end.
-        twist: Executed from now on; kept in the belief, whose pose does not depend on it.
-        drift: Variances of way and turn that the interval adds by time, m^2 and rad^2; noise by way is in the tuning.
-        dt: The interval, s.
-        q: The assumptions.
+    The twist is executed from now on; it is kept in the belief, whose pose does not depend on it. ``drift`` has the variances
+    of way and turn that the interval adds by time, m^2 and rad^2; noise by way is in the tuning.
     """
     mean, P = located.belief
     pose = increment(Pose(mean.x, mean.y, mean.theta), before, now, sincos(mean.theta - before.theta))

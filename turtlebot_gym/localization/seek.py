@@ -77,10 +77,7 @@ def _select(total: Any, least: float, column: Any, row: Any, out: Any) -> int:
 def seek(sight: ScanPoints, poses: Any, values: Any) -> int:
     """Write the poses of a map that fit a scan best, best first and each another hypothesis, and return their number.
 
-    Args:
-        sight: The scan and the map.
-        poses: Output, shape (K, 3): x, y and heading; m, m, rad.
-        values: Output, shape (K,): their agreement, see `descent.agreement`, from 0 to 1.
+    ``poses`` has shape (K, 3): x, y and heading; m, m, rad; ``values`` shape (K,): their agreement, see `descent.agreement`.
     """
     field, frame, points, number = sight
     rows, columns = field.shape

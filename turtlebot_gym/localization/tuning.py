@@ -141,13 +141,5 @@ LOCALIZERS = {"match": matched, "robot": lambda lidar: ROBOT}
 
 
 def make_localizer(tuning: str | Path | Mapping[str, Any] | LocalizerTuning, lidar: Lidar) -> LocalizerTuning:
-    """Return a tuning, given as such, as a mapping of its fields, by a name in `LOCALIZERS`, or by a file.
-
-    Args:
-        tuning: The tuning.
-        lidar: The LiDAR in use.
-
-    Raises:
-        ValueError: If the name is unknown, or the file does not contain one.
-    """
+    """Return a tuning for a LiDAR, given as such, as a mapping of its fields, by a name in `LOCALIZERS`, or by a file."""
     return given(LocalizerTuning, tuning, {name: make(lidar) for name, make in LOCALIZERS.items()}, "localizer")

@@ -160,15 +160,8 @@ def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, 
     """Write the bodies that a scan shows, and return their number.
 
     A LiDAR that turns measures the last beam of a revolution just before the first of the next. A run that has begun there is
-    continued; until then it is a body of which a part is hidden.
-
-    Args:
-        ranges: Shape (B,), m; infinite without a return, NaN where a beam is missing.
-        tail: Shape (W,): last ranges of the revolution before, W at most B; replaced by those of this one. NaN for none.
-        returns: Shape (`BINS`,), see `sweep.was_free`; completed.
-        sweep: How beams were measured.
-        trail: The odometry, back to the first beam of the tail.
-        bodies: Output, shape (`MOST_BODIES`, `COLUMNS`).
+    continued; until then it is a body of which a part is hidden. ``tail`` and ``returns`` are those of a `TrackerMemory`, and
+    are brought up to date; ranges are infinite without a return, and NaN where a beam is missing, m.
     """
     number, width = sweep.number, min(len(tail), sweep.number)
     lengths = np.empty(width + number)

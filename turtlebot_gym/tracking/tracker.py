@@ -43,13 +43,7 @@ class TrackerMemory(NamedTuple):
 
 
 def make_memory(number: int, *, beams: int, poses: int) -> TrackerMemory:
-    """Return empty memories of some robots.
-
-    Args:
-        number: Number of robots.
-        beams: Most beams of a scan.
-        poses: Number of odometry poses that reach back to the first beam that is read, see `poses_for`.
-    """
+    """Return empty memories of some robots, for so many beams of a scan, and poses of the odometry, see `poses_for`."""
 
     shapes = (poses, 4), (PAST, HEAD + 4 * poses + beams), (beams // TAIL,), (BINS,), (MOST_BODIES, COLUMNS), (CAPACITY, FIELDS)
     seen = np.zeros((number, NEAREST * len(TRACK_BOUNDS[0])), np.float32)
@@ -88,12 +82,9 @@ def on_odometry(memory: TrackerMemory, time: float, pose: Pose) -> None:
 
 @kernel
 def on_scan(memory: TrackerMemory, ranges: Any, sweep: Sweep) -> None:
-    """Take a scan: update the tracks by what it shows.
+    """Update the tracks by the ranges of a scan, m; infinite without a return, NaN where a beam is missing.
 
-    Args:
-        memory: The tracker; its odometry must reach from the first beam to the last.
-        ranges: Shape (B or more,), m; infinite without a return, NaN where a beam is missing.
-        sweep: How beams were measured.
+    The odometry must reach from its first beam to the last.
     """
     past, returns, bodies, trail, clock = memory.past, memory.returns, memory.bodies, memory.trail, memory.clock
     count = find_bodies(ranges, memory.tail, returns, sweep, trail, bodies)

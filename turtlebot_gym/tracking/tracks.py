@@ -174,15 +174,9 @@ def _write(seen: Any, place: int, track: Any, now: float, pose: Pose, twist: Com
 
 @kernel
 def look(tracks: Any, seen: Any, now: float, pose: Pose, twist: Command, scale: float) -> None:
-    """Write the nearest tracks as the term `observations.TRACKS` lists them.
+    """Write the nearest tracks as the term `observations.TRACKS` lists them, at a time, s, and the odometry's pose and twist.
 
-    Args:
-        tracks: Shape (`CAPACITY`, `FIELDS`).
-        seen: Output, shape (`NEAREST` * 8,).
-        now: Present time, s.
-        pose: The odometry's pose.
-        twist: The robot's twist.
-        scale: Standard deviation of the share by which all ranges may be too long.
+    ``scale`` is the standard deviation of the share by which all ranges may be too long.
     """
     nearest = -1.0
     seen.fill(0.0)
