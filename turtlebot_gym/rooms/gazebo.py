@@ -11,14 +11,13 @@ import math
 import warnings
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, label
-from scipy.spatial import ConvexHull
 
 from turtlebot_gym.rooms.charting import SIDE
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
@@ -48,17 +47,8 @@ _NAMED = 6
 """Most names in a warning."""
 
 
-class _Body(NamedTuple):
-    triangles: NDArray[np.float64]
-    """Its surface in the world, shape (n, 3, 3), m."""
-    is_solid: bool
-    """Whether the surface encloses what is solid."""
-
-
-class _Outline(NamedTuple):
-    segments: NDArray[np.float64]
-    """Shape (n, 2, 2), m."""
-    is_solid: bool
+_Surface = tuple[NDArray[np.float64], bool]
+"""Triangles in the world, shape (n, 3, 3), m, or segments, shape (n, 2, 2); and whether they enclose what is solid."""
 
 
 def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | None = None) -> FloorPlan:
@@ -66,8 +56,7 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
 
     Models are searched for along the variables `sdf.SEARCHED`, in ROS's packages, in Gazebo's own folder of downloaded models,
     and beside the world. Robots are left out; other models that can be moved stand still. Starts and goals are drawn in what
-    the contents enclose (where a mesh or a model is missing, and nothing encloses, between the others); walls are added
-    around everything.
+    the contents enclose, if they do; walls are added around everything.
 
     Args:
         path: An SDF file, ``.world`` or ``.sdf``.
@@ -100,41 +89,32 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
         raise ValueError(f"{str(path)!r} holds no obstacle at the height of a robot{said}.")
     for text in notices:
         warnings.warn(f"{Path(path).name}: {text}.", stacklevel=2)
-    is_whole = not (unread or world.notices[MISSING])
-    grid = _map_of(outlines, [pose for pose in (start, goal) if pose is not None], is_whole=is_whole)
+    grid = _map_of(outlines, [pose for pose in (start, goal) if pose is not None])
     return FloorPlan(walls=grid.walls(), map=grid, start=start, goal=goal)
 
 
 @cache
 def _unit(tag: str) -> NDArray[np.float64]:
-    """Return the triangles of a box with sides of 1, of a cylinder or cone of radius and length 1, or of a unit sphere."""
+    """Return the triangles of a box with sides of 1, of a cylinder of radius and length 1, or of a unit sphere."""
     if tag == "box":
         return np.asarray(trimesh.creation.box((1.0, 1.0, 1.0)).triangles)
     if tag == "cylinder":
         return np.asarray(trimesh.creation.cylinder(1.0, 1.0, sections=_SIDES).triangles)
-    if tag == "cone":
-        return np.asarray(trimesh.creation.cone(1.0, 1.0, sections=_SIDES).triangles) - (0.0, 0.0, 0.5)
     return np.asarray(trimesh.creation.uv_sphere(count=(_SIDES // 2, _SIDES)).triangles)
 
 
-def _bodies(collision: Collision, unread: dict[str, str]) -> list[_Body]:
+def _bodies(collision: Collision, unread: dict[str, str]) -> list[_Surface]:
     """Return the connected bodies of a collision; what cannot be read is noted with the reason."""
-    made: list[_Body] = []
+    made: list[_Surface] = []
     for shape in collision.geometry:
         if shape.tag == "box":
-            made.append(_Body(_unit("box") * _sizes(shape, "size", 3), True))
-        elif shape.tag in ("cylinder", "cone"):
+            made.append((_unit("box") * _sizes(shape, "size", 3), True))
+        elif shape.tag == "cylinder":
             (radius,), (length,) = _sizes(shape, "radius"), _sizes(shape, "length")
-            made.append(_Body(_unit(shape.tag) * (radius, radius, length), True))
+            made.append((_unit("cylinder") * (radius, radius, length), True))
         elif shape.tag in ("sphere", "ellipsoid"):
             radii = _sizes(shape, "radius") * 3 if shape.tag == "sphere" else _sizes(shape, "radii", 3)
-            made.append(_Body(_unit("sphere") * radii, True))
-        elif shape.tag == "capsule":
-            (radius,), (length,) = _sizes(shape, "radius"), _sizes(shape, "length")
-            capsule = trimesh.creation.capsule(length, radius, count=(_SIDES // 2, _SIDES))
-            made.append(_Body(np.asarray(capsule.triangles), True))
-        elif shape.tag in ("heightmap", "image", "polyline"):
-            unread[f"a {shape.tag}"] = "it is not read here"
+            made.append((_unit("sphere") * radii, True))
         elif shape.tag == "mesh" and (uri := f"the mesh {shape.findtext('uri', '').strip()!r}") not in unread:
             try:
                 made.extend(_read_mesh(shape))
@@ -142,8 +122,10 @@ def _bodies(collision: Collision, unread: dict[str, str]) -> list[_Body]:
                 raise
             except Exception as error:  # each format has errors of its own, and a missing reader yet another
                 unread[uri] = " ".join(f"{error or type(error).__name__}".split()).rstrip(".")
+        elif shape.tag not in ("plane", "empty", "mesh"):
+            unread[f"a {shape.tag}"] = "it is not read here"
     turned, moved = collision.pose[:3, :3].T, collision.pose[:3, 3]
-    return [body._replace(triangles=body.triangles @ turned + moved) for body in made]
+    return [(triangles @ turned + moved, is_solid) for triangles, is_solid in made]
 
 
 def _sizes(shape: Element, name: str, count: int = 1) -> list[float]:
@@ -154,7 +136,7 @@ def _sizes(shape: Element, name: str, count: int = 1) -> list[float]:
     return values
 
 
-def _read_mesh(shape: Element) -> list[_Body]:
+def _read_mesh(shape: Element) -> list[_Surface]:
     """Return the connected bodies of a ``<mesh>``.
 
     A DAE file is scaled to metres by the unit that it states, and its up axis is ignored, as Gazebo does
@@ -170,24 +152,23 @@ def _read_mesh(shape: Element) -> list[_Body]:
     meshes = [mesh for mesh in meshes if len(getattr(mesh, "faces", ()))]
     if not meshes:
         raise ValueError(f"it has no submesh {part!r}" if part else "it has no triangles")
-    bodies: list[_Body] = []
+    bodies: list[Any] = []
     for mesh in meshes:
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         unit = str(mesh.metadata.get("units") or "meters").split("*")[0].strip()  # "0.0254 * meters" of a DAE file
         mesh.apply_scale(np.array(scale) * (float(unit) if unit.replace(".", "", 1).isdecimal() else 1.0))
-        for body in mesh.split(only_watertight=False):
-            bodies.append(_Body(np.asarray(body.triangles), bool(body.is_watertight and body.volume > 0.0)))
-    return bodies
+        bodies.extend(mesh.split(only_watertight=False))
+    return [(np.asarray(body.triangles), bool(body.is_watertight and body.volume > 0.0)) for body in bodies]
 
 
-def _ground(contents: list[tuple[Collision, list[_Body]]]) -> float:
+def _ground(contents: list[tuple[Collision, list[_Surface]]]) -> float:
     """Return the height of the ground, m: 0, or the top of a level box on which everything else stands, which is removed."""
     solid = [pair for pair in contents if pair[1]]
     for collision, bodies in solid:
         others = np.array([other.pose[:3, 3] for other, _ in solid if other is not collision])
         if collision.geometry.find("box") is None or abs(collision.pose[2, 2]) < 1.0 - 1e-8 or not len(others):
             continue
-        size, top = np.array(numbers_of(collision.geometry.findtext("box/size"), 3)), float(bodies[0].triangles[..., 2].max())
+        size, top = np.array(numbers_of(collision.geometry.findtext("box/size"), 3)), float(bodies[0][0][..., 2].max())
         apart = np.abs((others - collision.pose[:3, 3]) @ collision.pose[:3, :2])
         carries = (apart <= 0.5 * size[:2]).all() and (others[:, 2] >= top - 1e-6).all()
         if carries and size[:2].min() >= FLOOR[0] and STEP < top <= FLOOR[1]:
@@ -196,32 +177,29 @@ def _ground(contents: list[tuple[Collision, list[_Body]]]) -> float:
     return 0.0
 
 
-def _outline(body: _Body, ground: float) -> _Outline | None:
-    """Return the outline of a body at the height at which a LiDAR sees it; None for one that is no obstacle."""
-    heights = body.triangles[..., 2] - ground
-    low, high = float(heights.min()), float(heights.max())
+def _outline(body: _Surface, ground: float) -> _Surface | None:
+    """Return the segments of a body's outline at the height at which a LiDAR sees it; None for one that is no obstacle."""
+    triangles, is_solid = body
+    low, high = (float(extreme) - ground for extreme in (triangles[..., 2].min(), triangles[..., 2].max()))
     if high <= STEP or low >= HEADROOM:
         return None
     height = SCAN_HEIGHT if low < SCAN_HEIGHT < high else 0.5 * (max(low, STEP) + min(high, HEADROOM))
     height += ground + 1e-7  # beside the corners of most bodies
-    ends = np.roll(body.triangles, -1, axis=1)
-    crossed = (body.triangles[..., 2] > height) != (ends[..., 2] > height)  # no side of a triangle, or two
-    start, end = body.triangles[crossed], ends[crossed]
+    ends = np.roll(triangles, -1, axis=1)
+    crossed = (triangles[..., 2] > height) != (ends[..., 2] > height)  # no side of a triangle, or two
+    start, end = triangles[crossed], ends[crossed]
     share = (height - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
-    segments = (start + share * (end - start))[:, :2].reshape(-1, 2, 2)
-    return _Outline(segments, body.is_solid) if len(segments) else None
+    return ((start + share * (end - start))[:, :2].reshape(-1, 2, 2), is_solid) if len(start) else None
 
 
-def _map_of(outlines: list[_Outline], given: list[Pose], *, is_whole: bool) -> GridMap:
+def _map_of(outlines: list[_Surface], given: list[Pose]) -> GridMap:
     """Return the map of outlines, `APRON` wider than they are.
 
     Cells are occupied whose centre is in a solid outline, or which a thin or an open one touches; unknown is the ground on
-    which no robot starts. All ground counts if a start or goal is given that is not in what is enclosed; if a shape is missing,
-    which might enclose the others, the ground between these counts.
+    which no robot starts. All ground counts if a start or goal is given that is not in what is enclosed.
     """
-    points = np.concatenate(
-        [outline.segments.reshape(-1, 2) for outline in outlines] + [np.array([pose[:2]]) for pose in given]
-    )
+    corners = [segments.reshape(-1, 2) for segments, _ in outlines]
+    points = np.concatenate([*corners, *(np.array([pose[:2]]) for pose in given)])
     low, high = points.min(axis=0) - APRON, points.max(axis=0) + APRON
     side = max(SIDE, math.sqrt(float(np.prod(high - low)) / CELLS))
     corner = np.floor(low / side + 1e-6) * side
@@ -236,13 +214,8 @@ def _map_of(outlines: list[_Outline], given: list[Pose], *, is_whole: bool) -> G
         if not is_solid or 2.0 * inside.sum() < length:  # such a strip is narrower than a cell
             _draw(occupied, placed)
     ground = _enclosed(occupied, side)
-    if ground is None and not is_whole:
-        row, column = np.nonzero(occupied)
-        hull = ConvexHull(np.concatenate([np.column_stack((column + dx, row + dy)) for dx in (0, 1) for dy in (0, 1)]))
-        ground = _filled(hull.points[hull.simplices], occupied.shape) & ~occupied
-        ground = ground if ground.sum() * side * side >= ENOUGH else None
     cell = [tuple(np.floor((np.array(pose[:2]) - corner) / side).astype(int)[::-1]) for pose in given]
-    ground = ~occupied if ground is None or not all(ground[at] for at in cell) else ground
+    ground = ground if all(ground[at] for at in cell) else ~occupied
     cells = np.where(occupied, OCCUPIED, np.where(ground, FREE, UNKNOWN))
     return GridMap(cells=cells, resolution=side, origin=Pose(float(corner[0]), float(corner[1]), 0.0))
 
@@ -268,8 +241,8 @@ def _filled(segments: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np
     return np.cumsum(turns, axis=1)[:, :-1] % 2 == 1
 
 
-def _enclosed(occupied: NDArray[np.bool_], side: float) -> NDArray[np.bool_] | None:
-    """Return the largest ground that cells enclose, but for gaps of less than `NARROW`; None if it is less than `ENOUGH`."""
+def _enclosed(occupied: NDArray[np.bool_], side: float) -> NDArray[np.bool_]:
+    """Return the largest ground that cells enclose, but for gaps of less than `NARROW`; all if it is less than `ENOUGH`."""
     wide: Any = distance_transform_edt(~occupied)
     labels: Any = label(wide * side > 0.5 * NARROW)[0]  # pyright: ignore[reportIndexIssue]
     sizes = np.bincount(labels.ravel())
@@ -278,6 +251,6 @@ def _enclosed(occupied: NDArray[np.bool_], side: float) -> NDArray[np.bool_] | N
         sizes[edge] = 0
     largest = int(sizes.argmax())
     if sizes[largest] * side * side < ENOUGH:
-        return None
+        return ~occupied
     near: Any = distance_transform_edt(labels != largest)
     return (near * side <= 0.5 * NARROW) & ~occupied
