@@ -11,8 +11,8 @@ from bokeh.plotting import figure as Figure
 from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive
-from turtlebot_gym.rooms.cells import to_cells
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
+from turtlebot_gym.rooms.rays import to_cells
 from turtlebot_gym_view import style
 from turtlebot_gym_view.style import Theme, ThemeColour
 

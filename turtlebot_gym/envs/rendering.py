@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.observations import NEAREST
 from turtlebot_gym.plotting import BLACK, BLUE, ESTIMATE_WITHIN, GREEN, PURPLE, SIGMAS, SKY_BLUE, VERMILLION, ellipse
-from turtlebot_gym.rooms.cells import to_cells
+from turtlebot_gym.rooms.rays import to_cells
 from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import Snapshot
 from turtlebot_gym.systems.scans import TrackedScene

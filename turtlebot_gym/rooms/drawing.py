@@ -65,37 +65,37 @@ def _count(low: float, high: float, share: float) -> int:
 
 
 @kernel
+def _in_room(scene: Scene, key: int, number: int, part: int) -> tuple[float, float]:
+    """Return a place in the room, uniformly distributed."""
+    walls = scene.room.walls
+    u1, u2 = uniforms(key, number, part)
+    return walls[0] + (2.0 * u1 - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
+
+
+@kernel
 def _scatter(scene: Scene, rules: RoomRules, key: int, first: int, boxes_before: int) -> None:
     """Draw circles and boxes at random places; they may overlap."""
-    walls = scene.room.walls
     few, many = uniforms(key, first + _COUNTS, 0)
     n_boxes = _count(rules.boxes[0], rules.boxes[1], few)
     n_circles = int(min(_count(rules.circles[0], rules.circles[1], many), rules.total - n_boxes))
     for k in range(n_boxes):
-        u1, u2 = uniforms(key, first + _BOXES + 3 * k, 0)
-        u3, u4 = uniforms(key, first + _BOXES + 3 * k + 1, 0)
-        u5, _ = uniforms(key, first + _BOXES + 3 * k + 2, 0)
-        sine, cosine = sincos(PI * u5)
-        box = scene.room.boxes[boxes_before + k]
-        box[0], box[1] = walls[0] + (2.0 * u1 - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
-        box[2], box[3] = _between(rules.radius[0], rules.radius[1], u3), _between(rules.radius[0], rules.radius[1], u4)
-        box[4], box[5] = cosine, sine
+        box, at = scene.room.boxes[boxes_before + k], first + _BOXES + 3 * k
+        box[0], box[1] = _in_room(scene, key, at, 0)
+        u1, u2 = uniforms(key, at + 1, 0)
+        box[2], box[3] = _between(rules.radius[0], rules.radius[1], u1), _between(rules.radius[0], rules.radius[1], u2)
+        box[5], box[4] = sincos(PI * uniforms(key, at + 2, 0)[0])
     for k in range(n_circles):
-        u1, u2 = uniforms(key, first + _CIRCLES + 2 * k, 0)
-        u3, u4 = uniforms(key, first + _CIRCLES + 2 * k + 1, 0)
-        u5, _ = uniforms(key, first + _CIRCLES + 2 * k + 1, 1)
-        speed = _between(rules.speed[0], rules.speed[1], u4)
-        sine, cosine = sincos(TWO_PI * u5)
-        circle = scene.room.circles[k]
-        circle[0], circle[1] = walls[0] + (2.0 * u1 - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
-        circle[2] = _between(rules.radius[0], rules.radius[1], u3)
+        circle, at = scene.room.circles[k], first + _CIRCLES + 2 * k
+        circle[0], circle[1] = _in_room(scene, key, at, 0)
+        u1, u2 = uniforms(key, at + 1, 0)
+        circle[2], speed = _between(rules.radius[0], rules.radius[1], u1), _between(rules.speed[0], rules.speed[1], u2)
+        sine, cosine = sincos(TWO_PI * uniforms(key, at + 1, 1)[0])
         circle[3], circle[4] = speed * cosine, speed * sine
         if rules.people:
-            u1, u2 = uniforms(key, first + _CIRCLES + 2 * k, 2)
-            u3, _ = uniforms(key, first + _CIRCLES + 2 * k, 3)
             person = scene.room.people[k]
-            person[0], person[1] = walls[0] + (2.0 * u1 - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
-            person[2], person[3], person[4], person[5] = circle[0], circle[1], speed, 1.0 if u3 >= rules.blind else 0.0
+            person[0], person[1] = _in_room(scene, key, at, 2)
+            person[2], person[3], person[4] = circle[0], circle[1], speed
+            person[5] = 1.0 if uniforms(key, at, 3)[0] >= rules.blind else 0.0
     scene.room.counts[0], scene.room.counts[1] = n_circles, boxes_before + n_boxes
 
 
@@ -105,10 +105,16 @@ def _put_box(scene: Scene, at: int, left: float, right: float, bottom: float, to
     if right <= left or top <= bottom:
         return at
     box = scene.room.boxes[at]
-    box[0], box[1] = 0.5 * (left + right), 0.5 * (bottom + top)
-    box[2], box[3] = 0.5 * (right - left), 0.5 * (top - bottom)
+    box[0], box[1], box[2], box[3] = 0.5 * (left + right), 0.5 * (bottom + top), 0.5 * (right - left), 0.5 * (top - bottom)
     box[4], box[5] = 1.0, 0.0
     return at + 1
+
+
+@kernel
+def _door(key: int, number: int, low: float, high: float) -> float:
+    """Return where the door in an inner wall begins: at its end if it is walled up."""
+    place, shut = uniforms(key, number, 0)
+    return _between(low + _WALL, high - _WALL - _DOOR, place) if shut >= _SHUT else high
 
 
 @kernel
@@ -117,24 +123,20 @@ def _partition(scene: Scene, key: int, first: int) -> int:
     walls = scene.room.walls
     across, along = OFFICE_ROOMS
     length, width = 2.0 * walls[2] / across, 2.0 * walls[3] / along
-    left, bottom = walls[0] - walls[2], walls[1] - walls[3]
     at = 0
     for column in range(across):
         for row in range(along):
-            place, shut = uniforms(key, first + _DOORS + 2 * (column * along + row), 0)
-            if column + 1 < across:  # the wall to the right of this room
-                x = left + (column + 1) * length
-                door = _between(bottom + row * width + _WALL, bottom + (row + 1) * width - _WALL - _DOOR, place)
-                door = door if shut >= _SHUT else bottom + (row + 1) * width
-                at = _put_box(scene, at, x - _WALL, x + _WALL, bottom + row * width, door)
-                at = _put_box(scene, at, x - _WALL, x + _WALL, door + _DOOR, bottom + (row + 1) * width)
-            place, shut = uniforms(key, first + _DOORS + 2 * (column * along + row) + 1, 0)
-            if row + 1 < along:  # the wall above this room
-                y = bottom + (row + 1) * width
-                door = _between(left + column * length + _WALL, left + (column + 1) * length - _WALL - _DOOR, place)
-                door = door if shut >= _SHUT else left + (column + 1) * length
-                at = _put_box(scene, at, left + column * length, door, y - _WALL, y + _WALL)
-                at = _put_box(scene, at, door + _DOOR, left + (column + 1) * length, y - _WALL, y + _WALL)
+            number = first + _DOORS + 2 * (column * along + row)
+            left, bottom = walls[0] - walls[2] + column * length, walls[1] - walls[3] + row * width
+            right, top = walls[0] - walls[2] + (column + 1) * length, walls[1] - walls[3] + (row + 1) * width
+            if column + 1 < across:
+                door = _door(key, number, bottom, top)
+                at = _put_box(scene, at, right - _WALL, right + _WALL, bottom, door)
+                at = _put_box(scene, at, right - _WALL, right + _WALL, door + _DOOR, top)
+            if row + 1 < along:
+                door = _door(key, number + 1, left, right)
+                at = _put_box(scene, at, left, door, top - _WALL, top + _WALL)
+                at = _put_box(scene, at, door + _DOOR, right, top - _WALL, top + _WALL)
     return at
 
 
@@ -152,24 +154,22 @@ def _grow(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
         u, _ = uniforms(key, first + _CELLS + cell, 0)
         now[cell // columns, cell % columns] = 1 if u < rules.fill else 0
     for _ in range(4):
-        for row in range(rows):
-            for column in range(columns):
-                filled = 0
-                for near_row in range(max(row - 1, 0), min(row + 2, rows)):
-                    for near_column in range(max(column - 1, 0), min(column + 2, columns)):
-                        filled += now[near_row, near_column]
-                filled -= now[row, column]
-                then[row, column] = 1 if filled >= 5 or (filled >= 2 and now[row, column] == 1) else 0
+        for cell in range(rows * columns):
+            row, column = cell // columns, cell % columns
+            filled = -int(now[row, column])
+            for near_row in range(max(row - 1, 0), min(row + 2, rows)):
+                for near_column in range(max(column - 1, 0), min(column + 2, columns)):
+                    filled += int(now[near_row, near_column])
+            then[row, column] = 1 if filled >= 5 or (filled >= 2 and now[row, column] == 1) else 0
         now, then = then, now
     n_circles = 0
-    for row in range(rows):
-        for column in range(columns):
-            if now[row, column] == 1 and n_circles < len(scene.room.circles):
-                circle = scene.room.circles[n_circles]
-                circle[0] = walls[0] - walls[2] + (column + 0.5) * CELL
-                circle[1] = walls[1] - walls[3] + (row + 0.5) * CELL
-                circle[2], circle[3], circle[4] = 0.5 * CELL, 0.0, 0.0
-                n_circles += 1
+    for cell in range(rows * columns):
+        row, column = cell // columns, cell % columns
+        if now[row, column] == 1 and n_circles < len(scene.room.circles):
+            circle = scene.room.circles[n_circles]
+            circle[0], circle[1] = walls[0] - walls[2] + (column + 0.5) * CELL, walls[1] - walls[3] + (row + 0.5) * CELL
+            circle[2], circle[3], circle[4] = 0.5 * CELL, 0.0, 0.0
+            n_circles += 1
     scene.room.counts[0], scene.room.counts[1] = n_circles, 0
 
 
@@ -213,19 +213,16 @@ def _is_beside_a_walker(scene: Scene, x: float, y: float, reach: float) -> bool:
     """Return whether a walker, whom the path grid leaves out, is less than ``reach`` away."""
     beside = False
     for k in range(scene.room.counts[0]):
-        walks = scene.room.circles[k, 3] != 0.0 or scene.room.circles[k, 4] != 0.0
-        near = distance_to_circle(scene.room.circles[k, 0] - x, scene.room.circles[k, 1] - y, scene.room.circles[k, 2]) < reach
-        beside = beside or (walks and near)
+        circle = scene.room.circles[k]
+        walks = circle[3] != 0.0 or circle[4] != 0.0
+        beside = beside or (walks and distance_to_circle(circle[0] - x, circle[1] - y, circle[2]) < reach)
     return beside
 
 
 @kernel
 def _is_run_into(scene: Scene, start: Pose, rules: RoomRules, radius: float, dt: float) -> bool:
     """Return whether a walker comes close to a robot that stands at the start within `HEAD_START`."""
-    walkers = 0
-    for k in range(scene.room.counts[0]):
-        walkers += 1 if scene.room.circles[k, 3] != 0.0 or scene.room.circles[k, 4] != 0.0 else 0
-    if walkers == 0:
+    if not _is_beside_a_walker(scene, start.x, start.y, math.inf):
         return False
     circles, people, near = scene.room.circles.copy(), scene.room.people.copy(), False
     for _ in range(math.ceil(HEAD_START / dt - 1e-9)):

@@ -31,84 +31,21 @@ class Sampled(NamedTuple):
     dy: float
 
 
-def _lower_each(row, by, more):
-    for k in range(len(row)):
-        row[k] = min(row[k], by[k] + more)
-
-
-@in_loops(_lower_each)
-def _lower(row: Any, by: Any, more: int) -> None:
-    """Lower each number of a row, shape (n,), to that of another one plus ``more``, where this is less."""
-    np.minimum(row, by + more, out=row)
-
-
-def _begin_each(marked, value, far, out):
-    for row in range(marked.shape[0]):
-        for column in range(marked.shape[1]):
-            out[row, column] = far * (marked[row, column] != value)
-
-
-@in_loops(_begin_each)
-def _begin(marked: Any, value: bool, far: int, out: Any) -> None:
-    """Write 0 where a cell, shape (rows, columns), has a value, and ``far`` elsewhere."""
-    out[:] = far * (marked != value)
-
-
-def _square_each(numbers, out):
-    for row in range(out.shape[0]):
-        for column in range(out.shape[1]):
-            numbers[row, column] *= numbers[row, column]
-            out[row, column] = numbers[row, column]
-
-
-@in_loops(_square_each)
-def _square(numbers: Any, out: Any) -> None:
-    """Square numbers in place, shape (rows, columns), and copy them."""
-    numbers *= numbers
-    out[:] = numbers
-
-
-def _subtract_each(occupied, outside, inside, side, out):
-    for row in range(occupied.shape[0]):
-        for column in range(occupied.shape[1]):
-            away = occupied[row, column] - 0.5 + sqrt(outside[row, column]) - sqrt(inside[row, column])
-            out[row, column] = min(max(away * side, -REACH), REACH)
-
-
-@in_loops(_subtract_each)
-def _subtract(occupied: Any, outside: Any, inside: Any, side: float, out: Any) -> None:
-    """Write the difference of the two distances, m, of which one is 0, and half a cell from a centre to the border."""
-    out[:] = np.minimum(np.maximum((occupied - 0.5 + np.sqrt(outside) - np.sqrt(inside)) * side, -REACH), REACH)
-
-
-def _measure_each(squares, side, out):
-    for row in range(out.shape[0]):
-        for column in range(out.shape[1]):
-            out[row, column] = min(sqrt(squares[row, column]) * side, REACH)
-
-
-@in_loops(_measure_each)
-def _measure(squares: Any, side: float, out: Any) -> None:
-    """Write the distances, m, of their squares in cells; an array of doubles would take 8 bytes for each cell of a map."""
-    for row in range(out.shape[0]):
-        out[row] = np.minimum(np.sqrt(squares[row]) * side, REACH)
-
-
 @kernel
-def _squares_to_nearest(marked: Any, value: bool, reach: int) -> Any:
-    """Return the squared distance from each cell to the nearest with a value, in cells; (reach + 1)^2 or more beyond the reach.
-
-    First along columns, then along rows: since only distances up to the reach count, the lower envelope of parabolas is the
-    minimum over that many shifts, in whole numbers and a row at a time, which is fast with and without a compiler.
-    """
+def _squares_each(marked: Any, value: bool, reach: int) -> Any:
     rows, columns = marked.shape
     squares, nearest = np.empty((rows, columns), np.int32), np.empty((rows, columns), np.int32)
-    _begin(marked, value, reach + 1, squares)
+    for row in range(rows):
+        for column in range(columns):
+            squares[row, column] = (reach + 1) * (marked[row, column] != value)
     for row in range(1, rows):
         _lower(squares[row], squares[row - 1], 1)
     for row in range(rows - 2, -1, -1):
         _lower(squares[row], squares[row + 1], 1)
-    _square(squares, nearest)
+    for row in range(rows):
+        for column in range(columns):
+            squares[row, column] *= squares[row, column]
+            nearest[row, column] = squares[row, column]
     for shift in range(1, min(reach + 1, columns)):
         for row in range(rows):
             _lower(nearest[row, shift:], squares[row, : columns - shift], shift * shift)
@@ -117,8 +54,47 @@ def _squares_to_nearest(marked: Any, value: bool, reach: int) -> Any:
 
 
 @kernel
+def _lower(row: Any, by: Any, more: int) -> None:
+    """Lower each number of a row, shape (n,), to that of another one plus ``more``, where this is less."""
+    for k in range(len(row)):
+        row[k] = min(row[k], by[k] + more)
+
+
+@in_loops(_squares_each)
+def _squares_to_nearest(marked: Any, value: bool, reach: int) -> Any:
+    """Return the squared distance from each cell to the nearest with a value, in cells; (reach + 1)^2 or more beyond the reach.
+
+    First along columns, then along rows: since only distances up to the reach count, the lower envelope of parabolas is the
+    minimum over that many shifts, in whole numbers and a row at a time, which is fast with and without a compiler.
+    """
+    squares = np.where(marked == value, 0, reach + 1).astype(np.int32)
+    for row in range(1, len(squares)):
+        np.minimum(squares[row], squares[row - 1] + 1, out=squares[row])
+    for row in range(len(squares) - 2, -1, -1):
+        np.minimum(squares[row], squares[row + 1] + 1, out=squares[row])
+    squares *= squares
+    nearest = squares.copy()
+    for shift in range(1, min(reach + 1, squares.shape[1])):
+        for row, by in zip(nearest, squares, strict=True):
+            np.minimum(row[shift:], by[:-shift] + shift * shift, out=row[shift:])
+            np.minimum(row[:-shift], by[shift:] + shift * shift, out=row[:-shift])
+    return nearest
+
+
+def _field_each(occupied, side, out):
+    reach = int(REACH / side) + 1
+    outside, inside = _squares_to_nearest(occupied, True, reach), _squares_to_nearest(occupied, False, reach)
+    for row in range(occupied.shape[0]):
+        for column in range(occupied.shape[1]):
+            away = occupied[row, column] - 0.5 + sqrt(outside[row, column]) - sqrt(inside[row, column])
+            out[row, column] = min(max(away * side, -REACH), REACH)
+
+
+@in_loops(_field_each)
 def field_of_cells(occupied: Any, side: float, out: Any) -> None:
     """Write the distances to the border between occupied and other cells, negative inside: for maps drawn from plans.
+
+    One of the two distances to the centre of the nearest cell is 0, and half a cell is from a centre to the border.
 
     Args:
         occupied: Whether each cell is occupied, shape (rows, columns), bool.
@@ -126,22 +102,19 @@ def field_of_cells(occupied: Any, side: float, out: Any) -> None:
         out: Output, the same shape, float32, m.
     """
     reach = int(REACH / side) + 1
-    _subtract(occupied, _squares_to_nearest(occupied, True, reach), _squares_to_nearest(occupied, False, reach), side, out)
+    outside, inside = _squares_to_nearest(occupied, True, reach), _squares_to_nearest(occupied, False, reach)
+    out[:] = np.clip((occupied - 0.5 + np.sqrt(outside) - np.sqrt(inside)) * side, -REACH, REACH)
 
 
-@kernel
 def field_of_hits(occupied: Any, side: float, out: Any) -> None:
     """Write the distances to the centre of the nearest occupied cell: for maps drawn from a LiDAR's hits, as by SLAM.
 
     There an occupied cell says that hits fell into it: the surface goes through its middle, and a wall is one or two cells
-    thick whatever the wall is. `field_of_cells` would shift each wall by half a cell towards the robot.
-
-    Args:
-        occupied: Whether each cell is occupied, shape (rows, columns), bool.
-        side: Side of a cell, m.
-        out: Output, the same shape, float32, m.
+    thick whatever the wall is. `field_of_cells` would shift each wall by half a cell towards the robot. Arguments as there.
     """
-    _measure(_squares_to_nearest(occupied, True, int(REACH / side) + 1), side, out)
+    squares = _squares_to_nearest(occupied, True, int(REACH / side) + 1)
+    for row, to_nearest in zip(out, squares, strict=True):  # all doubles at once would take 8 bytes for each cell of a map
+        row[:] = np.minimum(np.sqrt(to_nearest) * side, REACH)
 
 
 @kernel

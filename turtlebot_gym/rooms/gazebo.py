@@ -19,8 +19,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, label
 
-from turtlebot_gym.rooms.charting import SIDE
-from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, SIDE, UNKNOWN, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.sdf import MISSING, Collision, MalformedError, numbers_of, read_sdf
 from turtlebot_gym.values import Pose
@@ -36,7 +35,7 @@ FLOOR = (2.0, 0.3)
 APRON = 1.0
 """Free space between the contents of a world and the walls around them, m."""
 CELLS = 2_000_000
-"""Cells of a map; larger worlds have larger ones than `charting.SIDE`."""
+"""Cells of a map; larger worlds have larger ones than `grid.SIDE`."""
 NARROW = 0.2
 """Width of a gap through which no robot passes, m: a Burger is 0.18 m wide."""
 ENOUGH = 1.0

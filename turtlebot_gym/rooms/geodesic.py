@@ -14,8 +14,14 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.kernel import in_loops, kernel, sqrt
-from turtlebot_gym.rooms.cells import distance_to_cells, is_on_map, to_cells
-from turtlebot_gym.rooms.rays import distance_to_circle, distance_to_turned_box, distance_to_walls
+from turtlebot_gym.rooms.rays import (
+    distance_to_box,
+    distance_to_cells,
+    distance_to_circle,
+    distance_to_walls,
+    is_on_map,
+    to_cells,
+)
 from turtlebot_gym.rooms.scene import RESOLUTION, UNREACHED, Scene
 
 MARGIN = 0.1
@@ -28,10 +34,10 @@ UNKNOWN = -1.0
 _BLOCKED = UNREACHED - 1
 
 
-def _relax_each(row, behind, least, straight, diagonal):
+def _relax_each(row, behind, least):
     shorter = False
     for k in range(1, len(row) - 1):
-        length = min(behind[k] + straight, min(behind[k - 1], behind[k + 1]) + diagonal)
+        length = min(behind[k] + _STRAIGHT, min(behind[k - 1], behind[k + 1]) + _DIAGONAL)
         length = max(min(row[k], length), least[k])
         shorter = shorter | (length != row[k])
         row[k] = length
@@ -39,21 +45,15 @@ def _relax_each(row, behind, least, straight, diagonal):
 
 
 @in_loops(_relax_each)
-def _relax(row: Any, behind: Any, least: Any, straight: Any, diagonal: Any) -> bool:
-    """Shorten the paths of a row, shape (n,), by a step from the row behind it, and return whether any became shorter.
+def _relax(row: Any, behind: Any, least: Any) -> bool:
+    """Shorten the paths of a row, shape (n,), by a step from the row behind it, but for the first and the last.
 
-    Args:
-        row: Lengths of paths; the first and the last stay.
-        behind: Those of the row behind it.
-        least: Least lengths, by which cells are blocked.
-        straight: Length of a step to the cell ahead.
-        diagonal: Length of a step to its neighbours.
+    No path becomes shorter than ``least``, by which cells are blocked. Returns whether any became shorter.
     """
-    inner = row[1:-1]
-    length = np.minimum(behind[1:-1] + straight, np.minimum(behind[:-2], behind[2:]) + diagonal)
-    length = np.maximum(np.minimum(inner, length), least[1:-1])
-    shorter = bool((length != inner).any())
-    inner[:] = length
+    length = np.minimum(behind[1:-1] + _STRAIGHT, np.minimum(behind[:-2], behind[2:]) + _DIAGONAL)
+    length = np.maximum(np.minimum(row[1:-1], length), least[1:-1])
+    shorter = bool((length != row[1:-1]).any())
+    row[1:-1] = length
     return shorter
 
 
@@ -83,46 +83,55 @@ def centre_of(scene: Scene, row: int, column: int) -> tuple[float, float]:
 
 
 def _block_outside_each(scene, clearance):
-    rows, columns = extent(scene)
-    walls, on_map = scene.room.walls, scene.room.squares.shape[1] > 0
-    reach = clearance / scene.room.frame[4] if on_map else 0.0
+    (rows, columns), walls, squares = extent(scene), scene.room.walls, scene.room.squares
+    reach = clearance / scene.room.frame[4] if squares.shape[1] > 0 else 0.0
     for row in range(rows):
         for column in range(columns):
             x, y = centre_of(scene, row, column)
             blocked = distance_to_walls(walls[0] - x, walls[1] - y, walls[2], walls[3]) < clearance
-            if on_map:
+            if squares.shape[1] > 0:
                 across, along = to_cells(scene.room.frame, x, y)
-                known = is_on_map(scene.room.squares, across, along) and scene.room.known[int(along), int(across)] != 0
-                blocked = blocked or not known or distance_to_cells(scene.room.squares, across, along, reach) < reach
+                known = is_on_map(squares, across, along) and scene.room.known[int(along), int(across)] != 0
+                blocked = blocked or not known or distance_to_cells(squares, across, along, reach) < reach
             scene.room.ways[row, column] = _BLOCKED if blocked else UNREACHED
 
 
 @in_loops(_block_outside_each)
 def _block_outside(scene: Any, clearance: float) -> None:
     """Mark the cells that walls or the map block, and no others."""
-    (rows, columns), (height, width) = extent(scene), scene.room.known.shape
-    walls, on_map = scene.room.walls, scene.room.squares.shape[1] > 0
-    reach = clearance / scene.room.frame[4] if on_map else 0.0
-    span = range(-math.ceil(reach), math.ceil(reach) + 1)
-    shifts = sorted(product(span, span), key=lambda shift: shift[0] ** 2 + shift[1] ** 2)
-    for first in range(0, rows, step := max(1, 200_000 // columns)):
-        row, column = np.arange(first, min(first + step, rows))[:, None], np.arange(columns)
-        x, y = centre_of(scene, row, column)  # pyright: ignore[reportArgumentType]
-        blocked = (np.minimum(walls[2] - np.abs(walls[0] - x), walls[3] - np.abs(walls[1] - y)) < clearance).ravel()
-        if on_map:
-            across, along = (np.ravel(place) for place in to_cells(scene.room.frame, x, y))
-            border = np.minimum(np.minimum(across, width - across), np.minimum(along, height - along)) - 1.0
-            inside = (across >= 1.0) & (across < width - 1.0) & (along >= 1.0) & (along < height - 1.0)
-            i, j = np.where(inside, along, 0.0).astype(int), np.where(inside, across, 0.0).astype(int)
-            blocked |= ~inside | (scene.room.known[i, j] == 0) | (border < reach)
-            near = np.flatnonzero(~blocked & (scene.room.squares[:, i, j].min(axis=0) - 1.0 < reach))
-            for up, right in shifts if len(near) else ():
-                above, beside = np.clip(i[near] + up, 0, height - 1), np.clip(j[near] + right, 0, width - 1)
-                dy = np.maximum(np.maximum(above - along[near], along[near] - above - 1.0), 0.0)
-                dx = np.maximum(np.maximum(beside - across[near], across[near] - beside - 1.0), 0.0)
-                hit = (scene.room.squares[0, above, beside] == 0) & (np.sqrt(dy * dy + dx * dx) < reach)
-                blocked[near[hit]], near = True, near[~hit]
-        scene.room.ways[first : first + len(row), :columns] = np.where(blocked, _BLOCKED, UNREACHED).reshape(len(row), columns)
+    (rows, columns), (height, width), walls = extent(scene), scene.room.known.shape, scene.room.walls
+    x, y = centre_of(scene, np.arange(rows)[:, None], np.arange(columns))  # pyright: ignore[reportArgumentType]
+    blocked = np.minimum(walls[2] - np.abs(walls[0] - x), walls[3] - np.abs(walls[1] - y)) < clearance
+    if height:
+        at: Any = to_cells(scene.room.frame, x, y)
+        across, along = at
+        i, j = np.clip(along, 0.0, height - 1.0).astype(int), np.clip(across, 0.0, width - 1.0).astype(int)
+        reach = clearance / scene.room.frame[4]
+        blocked |= scene.room.known[i, j] == 0
+        near = np.nonzero(~blocked & (scene.room.squares[:, i, j].min(axis=0) - 1.0 < reach))
+        across, along, i, j = across[near], along[near], i[near], j[near]
+        hit, span = np.zeros(len(i), np.bool_), range(-math.ceil(reach), math.ceil(reach) + 1)
+        for up, right in product(span, span):
+            above, beside = np.clip(i + up, 0, height - 1), np.clip(j + right, 0, width - 1)
+            dy = np.maximum(np.maximum(above - along, along - above - 1.0), 0.0)
+            dx = np.maximum(np.maximum(beside - across, across - beside - 1.0), 0.0)
+            hit |= (scene.room.squares[0, above, beside] == 0) & (np.sqrt(dy * dy + dx * dx) < reach)
+        blocked[near] = hit
+    scene.room.ways[:rows, :columns] = np.where(blocked, _BLOCKED, UNREACHED)
+
+
+@kernel
+def _block_around(scene: Scene, x: float, y: float, reach_x: float, reach_y: float, shape, clearance: float) -> None:
+    """Mark the cells nearer than ``clearance`` to a circle or a box, a row of its array, which reaches so far from (x, y)."""
+    first_row, first_column = cell_of(scene, x - reach_x, y - reach_y)
+    last_row, last_column = cell_of(scene, x + reach_x, y + reach_y)
+    for row in range(first_row, last_row + 1):
+        for column in range(first_column, last_column + 1):
+            to_x, to_y = centre_of(scene, row, column)
+            round_one = len(shape) == 5
+            away = distance_to_circle(x - to_x, y - to_y, shape[2]) if round_one else distance_to_box(x - to_x, y - to_y, shape)
+            if away < clearance:
+                scene.room.ways[row, column] = _BLOCKED
 
 
 @kernel
@@ -131,31 +140,17 @@ def block(scene: Scene, clearance: float) -> None:
 
     On a map, also mark those whose centres are not known to be free.
     """
-    ways = scene.room.ways
     _block_outside(scene, clearance)
     for k in range(scene.room.counts[0]):
         circle = scene.room.circles[k]
         if circle[3] == 0.0 and circle[4] == 0.0:
             reach = circle[2] + clearance
-            first_row, first_column = cell_of(scene, circle[0] - reach, circle[1] - reach)
-            last_row, last_column = cell_of(scene, circle[0] + reach, circle[1] + reach)
-            for row in range(first_row, last_row + 1):
-                for column in range(first_column, last_column + 1):
-                    x, y = centre_of(scene, row, column)
-                    if distance_to_circle(circle[0] - x, circle[1] - y, circle[2]) < clearance:
-                        ways[row, column] = _BLOCKED
+            _block_around(scene, circle[0], circle[1], reach, reach, circle, clearance)
     for k in range(scene.room.counts[1]):
         box = scene.room.boxes[k]
-        cosine, sine = box[4], box[5]
-        reach_x = abs(cosine) * box[2] + abs(sine) * box[3] + clearance
-        reach_y = abs(sine) * box[2] + abs(cosine) * box[3] + clearance
-        first_row, first_column = cell_of(scene, box[0] - reach_x, box[1] - reach_y)
-        last_row, last_column = cell_of(scene, box[0] + reach_x, box[1] + reach_y)
-        for row in range(first_row, last_row + 1):
-            for column in range(first_column, last_column + 1):
-                x, y = centre_of(scene, row, column)
-                if distance_to_turned_box(box[0] - x, box[1] - y, box) < clearance:
-                    ways[row, column] = _BLOCKED
+        cosine, sine = abs(box[4]), abs(box[5])
+        reach_x, reach_y = cosine * box[2] + sine * box[3] + clearance, sine * box[2] + cosine * box[3] + clearance
+        _block_around(scene, box[0], box[1], reach_x, reach_y, box, clearance)
 
 
 @kernel
@@ -173,7 +168,7 @@ def _sweep(lengths, least, first: int, last: int, step: int) -> bool:
     """
     shorter = False
     for row in range(first, last, step):
-        shorter = _relax(lengths[row], lengths[row - step], least[row], _STRAIGHT, _DIAGONAL) | shorter
+        shorter = _relax(lengths[row], lengths[row - step], least[row]) | shorter
     return shorter
 
 

@@ -8,7 +8,7 @@ through an episode, which starts at the end of a revolution at rest.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE, PROBABILITY, Numbers, Range, check_fields, refusal
@@ -79,28 +79,13 @@ class Lidar:
         object.__setattr__(self, "dead", sectors + ((0.0, 0.0),) * (DEAD_SECTORS - len(sectors)))
 
 
+# Data sheet: precision 10 mm below 0.5 m, 3.5 % beyond, taken as two standard deviations; accuracy 5 %. Mounted as on a Burger.
+_LDS01 = Lidar(
+    deviation=0.005, deviation_share=0.0175, accuracy=0.05, quantization=0.001, x=-0.032, stamped_at_end=True
+)  # its driver stamps a complete scan
 LIDARS = {
-    # Data sheet: precision 10 mm below 0.5 m, 3.5 % beyond, taken as two standard deviations; accuracy 5 %. The driver stamps a
-    # complete scan. Mounted as on a Burger.
-    "lds01": Lidar(
-        range_min=0.12,
-        range_max=3.5,
-        deviation=0.005,
-        deviation_share=0.0175,
-        accuracy=0.05,
-        quantization=0.001,
-        x=-0.032,
-        stamped_at_end=True,
-    ),
-    "lds02": Lidar(
-        range_min=0.16,
-        range_max=8.0,
-        deviation=0.005,
-        deviation_share=0.0175,
-        accuracy=0.05,
-        quantization=0.001,
-        x=-0.032,
-    ),
+    "lds01": _LDS01,
+    "lds02": replace(_LDS01, range_min=0.16, range_max=8.0, stamped_at_end=False),
     # RPLIDAR A1 on a TurtleBot 4: about 269 beams per scan, at 7.7 Hz; four posts block its view.
     "a1": Lidar(
         beams=269,
@@ -157,27 +142,16 @@ def age_of_scan(at: int, lidar: Lidar, dt: float) -> float:
 
 
 @kernel
-def _is_dead(angle: float, lidar: Lidar) -> bool:
-    """Return whether a LiDAR is blind in a direction, given in the robot's frame."""
-    blind = False
-    for sector in lidar.dead:
-        behind = angle - sector[0] - TWO_PI * math.floor((angle - sector[0]) / TWO_PI)
-        blind = blind | (behind < sector[1])
-    return blind
-
-
-@kernel
 def aim(beams, lidar: Lidar) -> None:
-    """Write the directions of a revolution's beams in the robot's frame, and the shortest range that each can return.
-
-    Args:
-        beams: Shape (3, B): cosine, sine, and the shortest range, m, infinite for a blind beam.
-        lidar: The LiDAR.
-    """
+    """Write what `scene.LidarBuffers.beams` says of each beam of a revolution; the least range of a blind one is infinite."""
     for beam in range(int(lidar.beams)):
         angle = lidar.yaw + TWO_PI * beam / lidar.beams
         beams[1, beam], beams[0, beam] = sincos(angle)
-        beams[2, beam] = math.inf if _is_dead(angle, lidar) else lidar.range_min
+        blind = False
+        for sector in lidar.dead:
+            behind = angle - sector[0] - TWO_PI * math.floor((angle - sector[0]) / TWO_PI)
+            blind = blind | (behind < sector[1])
+        beams[2, beam] = math.inf if blind else lidar.range_min
 
 
 @kernel
@@ -206,16 +180,7 @@ def is_drawn(lidar: Lidar) -> bool:
 
 @kernel
 def reading(length: float, least: float, beam: int, bias: float, key: int, lidar: Lidar) -> float:
-    """Return the measured range of a beam, m, with the beam's own draws.
-
-    Args:
-        length: True length, m.
-        least: The shortest range that the beam returns, m.
-        beam: Number of the beam in the episode, for the draws.
-        bias: Share by which ranges are too long in this episode.
-        key: Key of the episode's scans.
-        lidar: Its errors.
-    """
+    """Return the measured range of a beam, m, as `reading_of`, with the draws of the beam of that number in the episode."""
     noise, _ = normals(key, beam, 0)
     lost, _ = uniforms(key, beam, 1) if lidar.dropout > 0.0 else (1.0, 1.0)  # then no beam is lost, whatever is drawn
     return reading_of(length, least, noise, lost, bias, lidar)

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from turtlebot_gym.config import FINITE, Numbers, refusal
-from turtlebot_gym.rooms.charting import chart
-from turtlebot_gym.rooms.grid import GridMap
+from turtlebot_gym.rooms.grid import GridMap, chart
 from turtlebot_gym.rooms.rules import ANYWHERE, GIVEN, RoomRules
 from turtlebot_gym.rooms.scene import Scene, Walls, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance
@@ -42,8 +41,8 @@ class FloorPlan:
         if not isinstance(self.map, GridMap | None):
             raise refusal("FloorPlan.map", "a GridMap or None", self.map)
         object.__setattr__(self, "walls", walls)
-        object.__setattr__(self, "circles", tuple((*row, 0.0, 0.0)[:5] for row in self._rows("circles", (3, 5), extents=1)))
-        object.__setattr__(self, "boxes", tuple((*row, 0.0)[:5] for row in self._rows("boxes", (4, 5), extents=2)))
+        object.__setattr__(self, "circles", self._rows("circles", (3, 5), extents=1))
+        object.__setattr__(self, "boxes", self._rows("boxes", (4, 5), extents=2))
         for name in ("start", "goal"):
             if (value := getattr(self, name)) is not None:
                 pose = Pose(*Numbers(FINITE, 3).check(f"FloorPlan.{name}", value))
@@ -51,8 +50,8 @@ class FloorPlan:
                 if clearance(self.scene(), pose.x, pose.y) < 0.0:
                     raise refusal(f"FloorPlan.{name}", "in the room and in no obstacle", pose)
 
-    def _rows(self, name: str, sizes: tuple[int, int], *, extents: int) -> list[tuple[float, ...]]:
-        """Return the numbers of all obstacles of a kind, completed."""
+    def _rows(self, name: str, sizes: tuple[int, int], *, extents: int) -> tuple[tuple[float, ...], ...]:
+        """Return the numbers of all obstacles of a kind, completed by zeros."""
         if not isinstance(getattr(self, name), (list, tuple)):
             raise refusal(f"FloorPlan.{name}", "a sequence", getattr(self, name))
         rows = []
@@ -61,8 +60,8 @@ class FloorPlan:
             if len(row) not in sizes or min(row[2 : 2 + extents]) <= 0.0:
                 rule = f"{sizes[0]} or {sizes[1]} numbers with positive extents"
                 raise refusal(f"FloorPlan.{name}[{at}]", rule, value)
-            rows.append(row)
-        return rows
+            rows.append((*row, 0.0, 0.0)[:5])
+        return tuple(rows)
 
     def scene(self, *, beams: int = 1) -> Scene:
         """Return a scene with the plan."""

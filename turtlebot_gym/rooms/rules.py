@@ -13,6 +13,7 @@ from turtlebot_gym.config import (
     POSITIVE_OR_INFINITE,
     PROBABILITY,
     Numbers,
+    Range,
     check_fields,
     choose,
     refusal,
@@ -78,26 +79,20 @@ class RoomRules:
     def __post_init__(self) -> None:
         check_fields(self)
         choose("RoomRules.kind", self.kind, dict.fromkeys(KINDS.values()))
-        if self.kind != GIVEN and not (self.circles[-1] <= MAX_CIRCLES and self.boxes[-1] <= MAX_BOXES):
-            raise ValueError(
-                f"RoomRules must have at most {MAX_CIRCLES} circles and {MAX_BOXES} boxes, "
-                f"got at most {self.circles[-1]:g} and {self.boxes[-1]:g}."
-            )
-        if self.kind != GIVEN and not max(self.half_length, self.half_width) <= MAX_HALF:
-            raise ValueError(
-                f"RoomRules.half_length and half_width must be at most {MAX_HALF:g} m, "
-                f"got {self.half_length!r} and {self.half_width!r}."
-            )
+        most = {} if self.kind == GIVEN else {"circles": MAX_CIRCLES, "boxes": MAX_BOXES}
+        for name, kind in (("circles", "whole number"), ("boxes", "whole number"), ("radius", "value"), ("speed", "value")):
+            low, high = getattr(self, name)
+            parts = kind == "whole number" and (low % 1.0 or high % 1.0)
+            if low > high or parts or high > most.get(name, high):
+                limit = f", at most {most[name]}" if name in most else ""
+                raise refusal(f"RoomRules.{name}", f"a least and a greatest {kind}{limit}", (low, high))
+        if self.kind != GIVEN:
+            for name in ("half_length", "half_width"):
+                Range(0.0, MAX_HALF, unit="m").check(f"RoomRules.{name}", getattr(self, name))
         for name in ("start", "goal"):
             pose = getattr(self, name)
             if len(pose) != 3 or not (all(map(math.isnan, pose)) or all(abs(value) <= LARGEST for value in pose)):
                 raise refusal(f"RoomRules.{name}", "a pose (x, y, theta), or NaN where it is drawn", pose)
-        for name in ("circles", "boxes", "radius", "speed"):
-            value = getattr(self, name)
-            if value[0] > value[1]:
-                raise refusal(f"RoomRules.{name}", "a least and a greatest value", value)
-            if name in ("circles", "boxes") and any(number % 1.0 for number in value):
-                raise refusal(f"RoomRules.{name}", "whole numbers", value)
 
 
 ROOMS = {

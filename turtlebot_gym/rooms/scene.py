@@ -54,7 +54,7 @@ class RoomShape(NamedTuple):
     squares: Any
     """Shape (4, rows, columns), int8, shared: a map with a border of one cell around it; rows and columns are 0 without a map.
     Each value is the side of the largest square without an occupied cell that begins at a cell and extends to the upper right,
-    upper left, lower right and lower left; at most `cells.LARGEST`."""
+    upper left, lower right and lower left; at most `rays.LARGEST`."""
     known: Any
     """Shape (rows, columns), uint8, shared: whether a cell of the map is known to be free."""
     frame: Any
@@ -111,32 +111,12 @@ def whole_groups(n: int) -> int:
 
 @kernel
 def scene_at(scenes: Scene, index: int) -> Scene:
-    """Return the surroundings of one robot of many, as views."""
+    """Return the surroundings of one robot of many, as views; the arrays of a map and of one LiDAR for all are shared."""
     room, lidar, memory = scenes.room, scenes.lidar, scenes.memory
     return Scene(
-        RoomShape(
-            room.walls[index],
-            room.counts[index],
-            room.circles[index],
-            room.boxes[index],
-            room.people[index],
-            room.ways[index],
-            room.squares,
-            room.known,
-            room.frame,
-        ),
-        LidarBuffers(
-            lidar.beams[min(index, len(lidar.beams) - 1)],
-            lidar.spans[index],
-            lidar.ranges[index],
-            lidar.sectors[index],
-        ),
-        LocalizerMemory(
-            memory.field[min(index, len(memory.field) - 1)],
-            memory.field_frame[min(index, len(memory.field_frame) - 1)],
-            memory.trail[index],
-            memory.bank[index],
-        ),
+        RoomShape(*[array[index] for array in room[:6]], *room[6:]),  # pyright: ignore[reportCallIssue]
+        LidarBuffers(lidar.beams[min(index, len(lidar.beams) - 1)], *[array[index] for array in lidar[1:]]),
+        LocalizerMemory(*[array[min(index, len(array) - 1)] for array in memory]),
     )
 
 
@@ -178,28 +158,13 @@ def make_scenes(
     def zeros(*shape: int, dtype: Any = np.float64) -> NDArray[Any]:
         return np.zeros((number, *shape), dtype)
 
+    walls, counts, frame = zeros(4), zeros(2, dtype=np.int64), np.zeros(5)
+    shapes = zeros(max(circles, 1), 5), zeros(max(boxes, 1), 6), zeros(people, 6)
+    ways = zeros(_cells(width), _cells(length), dtype=np.uint16)
+    directions = np.zeros((1 if same_lidar else number, 3, beams + GROUP))
+    spans, ranges = zeros(SECTORS, 2, dtype=np.int64), zeros(2, beams, dtype=np.float32)
     return Scene(
-        RoomShape(
-            walls=zeros(4),
-            counts=zeros(2, dtype=np.int64),
-            circles=zeros(max(circles, 1), 5),
-            boxes=zeros(max(boxes, 1), 6),
-            people=zeros(people, 6),
-            ways=zeros(_cells(width), _cells(length), dtype=np.uint16),
-            squares=np.zeros((4, 0, 0), np.int8),
-            known=np.zeros((0, 0), np.uint8),
-            frame=np.zeros(5),
-        ),
-        LidarBuffers(
-            beams=np.zeros((1 if same_lidar else number, 3, beams + GROUP)),
-            spans=zeros(SECTORS, 2, dtype=np.int64),
-            ranges=zeros(2, beams, dtype=np.float32),
-            sectors=zeros(SECTORS, dtype=np.float32),
-        ),
-        LocalizerMemory(
-            field=zeros(0, 0, dtype=np.float32),
-            field_frame=zeros(5),
-            trail=zeros(0, 4),
-            bank=zeros(0, 7),
-        ),
+        RoomShape(walls, counts, *shapes, ways, np.zeros((4, 0, 0), np.int8), np.zeros((0, 0), np.uint8), frame),
+        LidarBuffers(directions, spans, ranges, zeros(SECTORS, dtype=np.float32)),
+        LocalizerMemory(zeros(0, 0, dtype=np.float32), zeros(5), zeros(0, 4), zeros(0, 7)),
     )

@@ -18,8 +18,7 @@ NARROW = 2
 speed stops, are narrower than the robot."""
 NEAR = 1.0
 """Greatest range of more of them, m. A blind sector is unknown, never free; but shorter ranges look like a wall that was not
-there in training. Of free, the range beside them, 1.0, 0.5 and 0.3 m, `ppo-rooms` collided least with this one when it was
-blind to the back."""
+there in training: of five choices `ppo-rooms` collided least with this one when it was blind to the back."""
 EDGE = 1e-5
 """Share of a sector by which a beam on its edge may miss it: directions travel in single precision."""
 _NEAREST, _FARTHEST = np.float32(0.0), np.float32(SIGHT)
@@ -31,10 +30,8 @@ UNKNOWN = -1.0
 def divide(spans, first_angle: float, beams: int) -> None:
     """Assign the beams of a scan to the sectors of a policy; a sector without a beam takes the one nearest to its middle.
 
-    Args:
-        spans: Shape (`SECTORS`, 2): each sector's first beam, from -beams on, and the one after its last.
-        first_angle: Direction of the first beam in the robot's frame, rad.
-        beams: Number of beams in the scan, evenly spaced counter-clockwise.
+    Beams are evenly spaced counter-clockwise from ``first_angle`` in the robot's frame, rad. ``spans``, shape (`SECTORS`, 2),
+    receives each sector's first beam, from -beams on, and the one after its last.
     """
     for sector in range(SECTORS):
         turns = sector / SECTORS - first_angle / TWO_PI
@@ -49,13 +46,7 @@ def divide(spans, first_angle: float, beams: int) -> None:
 
 @kernel
 def leave_out_blind(spans, beams, number: int) -> None:
-    """Empty the sectors in which a LiDAR is blind to all beams; `pool` treats them as unknown.
-
-    Args:
-        spans: The assignment by `divide`.
-        beams: The beams by `aim`.
-        number: Number of beams.
-    """
+    """Empty the sectors of `divide` in which all of a LiDAR's beams, by `lidar.aim`, are blind: they are unknown."""
     for sector in range(SECTORS):
         sees = False
         for beam in range(spans[sector, 0], spans[sector, 1]):
@@ -65,12 +56,9 @@ def leave_out_blind(spans, beams, number: int) -> None:
 
 @kernel
 def _fill(sectors) -> None:
-    """Fill the sectors without data.
+    """Fill the `UNKNOWN` sectors, of which one at least must be known.
 
     Each takes the shorter of the ranges beside its run of unknown sectors; in a run of more than `NARROW` at most `NEAR`.
-
-    Args:
-        sectors: Shape (`SECTORS`,), as shares of `SIGHT`; `UNKNOWN` where unknown. At least one must be known.
     """
     known = sectors.copy()
     for sector in range(SECTORS):
@@ -86,15 +74,9 @@ def _fill(sectors) -> None:
 
 @kernel
 def pool(ranges, spans, beams: int, sectors) -> None:
-    """Pool the ranges of a scan into the sectors of a policy: the shortest in each, as a share of `SIGHT`.
+    """Pool the first ``beams`` ranges, m, into the sectors of a policy: the shortest in each, as a share of `SIGHT`.
 
-    NaN, negative and infinite ranges count as free, sectors without beams as unknown, see `_fill`.
-
-    Args:
-        ranges: Shape (B,), m; B at least ``beams``.
-        spans: The assignment by `divide`.
-        beams: Number of beams in the scan.
-        sectors: Output for the shares, shape (`SECTORS`,).
+    NaN, negative and infinite ranges count as free, sectors without beams in ``spans``, see `divide`, as unknown, see `_fill`.
     """
     unknown = 0
     for sector in range(SECTORS):

@@ -8,17 +8,19 @@ import numpy as np
 
 from turtlebot_gym.kernel import compiled_scratch, exactly, is_plain, kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
-from turtlebot_gym.rooms.cells import distance_to_cells, ray_to_cells, to_cells
 from turtlebot_gym.rooms.lidar import Lidar, bias_of, is_drawn, reading, reading_of, time_of_beam
 from turtlebot_gym.rooms.rays import (
     FAR,
+    distance_to_box,
+    distance_to_cells,
     distance_to_circle,
-    distance_to_turned_box,
     distance_to_walls,
     inverse,
     ray_to_box,
+    ray_to_cells,
     ray_to_circle,
     ray_to_walls,
+    to_cells,
 )
 from turtlebot_gym.rooms.scene import GROUP, Scene, whole_groups
 from turtlebot_gym.rooms.sectors import pool
@@ -26,8 +28,6 @@ from turtlebot_gym.values import Pose
 
 CLEAR = 1.0
 """Greatest clearance reported on a map, m; cells farther away are not examined."""
-
-
 BLOCK = 128
 """Most rays cast at a time."""
 NARROW = 2.5
@@ -131,22 +131,16 @@ def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -
         sweep: Angle from each ray to the next, rad; infinite if they are not ordered.
         drift: Greatest distance from the origin of a ray to that of the next one, m.
     """
-    x, y = rays[_X], rays[_Y]
-    at_x, at_y, half_length, half_width = scene.room.walls[0], scene.room.walls[1], scene.room.walls[2], scene.room.walls[3]
+    x, y, walls, boxes = rays[_X], rays[_Y], scene.room.walls, scene.room.boxes
+    at_x, at_y, half_length, half_width = walls[0], walls[1], walls[2], walls[3]
     groups = _group(rays, n, sweep)
     # How far an obstacle must be past some rays to be left out: farther than their origins are apart. Few rays are cast in less
     # time than they are compared.
     apart = (GROUP - 1.0) * drift + _SLACK if abs(sweep) * (GROUP - 1.0) <= NARROW and n > FEW else FAR
     all_apart = (n - 1.0) * drift + _SLACK if abs(sweep) * (n - 1.0) <= NARROW else FAR
     for ray in range(groups * GROUP):
-        rays[_LENGTH + ray] = ray_to_walls(
-            at_x - rays[_X + ray],
-            at_y - rays[_Y + ray],
-            inverse(rays[_DX + ray]),
-            inverse(rays[_DY + ray]),
-            half_length,
-            half_width,
-        )
+        to_x, to_y, ahead, aside = at_x - rays[_X + ray], at_y - rays[_Y + ray], rays[_DX + ray], rays[_DY + ray]
+        rays[_LENGTH + ray] = ray_to_walls(to_x, to_y, inverse(ahead), inverse(aside), half_length, half_width)
     for k in range(scene.room.counts[0]):
         at_x, at_y, radius = scene.room.circles[k, 0], scene.room.circles[k, 1], scene.room.circles[k, 2]
         if _is_near(at_x - x, at_y - y, radius, reach) and _past_circle(rays, _ALL, at_x, at_y) <= radius + all_apart:
@@ -160,17 +154,12 @@ def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -
                     some[_LENGTH + ray] = min(some[_LENGTH + ray], ray_to_circle(to_x, to_y, dx, dy, radius * radius))
                 first, end = _next_run(rays, end, groups, apart)
     for k in range(scene.room.counts[1]):
-        at_x, at_y, half_length, half_width = (
-            scene.room.boxes[k, 0],
-            scene.room.boxes[k, 1],
-            scene.room.boxes[k, 2],
-            scene.room.boxes[k, 3],
-        )
-        cosine, sine = scene.room.boxes[k, 4], scene.room.boxes[k, 5]
+        at_x, at_y, half_length, half_width = boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3]
+        cosine, sine = boxes[k, 4], boxes[k, 5]
         is_near = _is_near(at_x - x, at_y - y, half_length + half_width, reach)
-        if is_near and _past_box(rays, _ALL, scene.room.boxes[k]) <= all_apart:
+        if is_near and _past_box(rays, _ALL, boxes[k]) <= all_apart:
             for group in range(whole_groups(groups) if apart < FAR else 0):
-                rays[_PAST + group] = _past_box(rays, group, scene.room.boxes[k])
+                rays[_PAST + group] = _past_box(rays, group, boxes[k])
             first, end = _next_run(rays, 0, groups, apart)
             while first < end:
                 some = rays[first * GROUP :]
@@ -204,23 +193,17 @@ def clearance(scene: Scene, x: float, y: float) -> float:
         nearest = min(nearest, distance_to_circle(circle[0] - x, circle[1] - y, circle[2]))
     for k in range(scene.room.counts[1]):
         box = scene.room.boxes[k]
-        nearest = min(nearest, distance_to_turned_box(box[0] - x, box[1] - y, box))
+        nearest = min(nearest, distance_to_box(box[0] - x, box[1] - y, box))
     if scene.room.squares.shape[1] > 0:
         column, row = to_cells(scene.room.frame, x, y)
-        nearest = min(
-            nearest, scene.room.frame[4] * distance_to_cells(scene.room.squares, column, row, CLEAR / scene.room.frame[4])
-        )
+        side = scene.room.frame[4]
+        nearest = min(nearest, side * distance_to_cells(scene.room.squares, column, row, CLEAR / side))
     return nearest
 
 
 @kernel
 def _next_part(least, n: int) -> tuple[int, bool]:
-    """Return how many of the next n beams to measure at once, and whether all of these are blind.
-
-    Args:
-        least: The least range that each of them returns, m.
-        n: Number of beams.
-    """
+    """Return how many of the next n beams to measure at once, and whether all of these are blind, by their least ranges."""
     part = 0
     while part < n and least[part] == math.inf:
         part += 1
@@ -236,7 +219,7 @@ def _next_part(least, n: int) -> tuple[int, bool]:
 def measure(
     scene: Scene, before: Pose, now: Pose, first: int, last: int, start: float, key: int, lidar: Lidar, dt: float
 ) -> None:
-    """Measure beams while the robot moves from one pose to another, and publish scans as they complete.
+    """Measure beams while the robot moves from one pose to another, and publish scans in the scene as they complete.
 
     Args:
         scene: The room; receives the ranges and the sectors of the scan.

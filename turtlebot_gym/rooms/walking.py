@@ -138,13 +138,7 @@ def walk(scene: Scene, before: Pose, robot: Pose, radius: float, rules: Any, dt:
     waits instead of coming nearer. People walk by the social force model; a person without sight of the robot may run into it.
     A person with a pace of 0 walks straight on at the velocity in ``scene.room.circles``, which another model may set.
 
-    Args:
-        scene: The room.
-        before: Pose of the robot at the start of the interval.
-        robot: Its pose at the end.
-        radius: Its radius, m.
-        rules: The room's `rules.RoomRules`.
-        dt: The interval, s.
+    The robot, whose radius is in m, moves from the pose ``before`` to ``robot`` in the interval, s.
     """
     if rules.people:
         _stroll(scene, robot, (robot.x - before.x) / dt, (robot.y - before.y) / dt, radius, dt)

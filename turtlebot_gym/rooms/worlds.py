@@ -17,10 +17,7 @@ from turtlebot_gym.tasks import given_pose
 
 World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]
 """Types that specify a world."""
-GAZEBO = (".world", ".sdf")
-"""File name endings of Gazebo worlds."""
-MAPS = (".yaml", ".yml")
-"""File name endings of maps."""
+_GAZEBO, _MAPS = (".world", ".sdf"), (".yaml", ".yml")
 
 
 def find_world(world: World) -> RoomRules | FloorPlan:
@@ -28,25 +25,25 @@ def find_world(world: World) -> RoomRules | FloorPlan:
 
     Args:
         world: A name in `rules.ROOMS`, the path of a Gazebo world or of a map, rules or a mapping of some of their fields or a
-            variant (see `variants`), or a floor plan.
+            variant, or a floor plan.
 
     Raises:
         ValueError: If there is no such world, or its file cannot be read.
     """
     if isinstance(world, FloorPlan):
         return world
-    if isinstance(world, (str, Path)) and Path(world).suffix in GAZEBO:
+    if isinstance(world, (str, Path)) and Path(world).suffix in _GAZEBO:
         from turtlebot_gym.rooms.gazebo import read_gazebo  # slow to import, and rarely needed
 
         return read_gazebo(world)
-    if isinstance(world, (str, Path)) and Path(world).suffix in MAPS:
+    if isinstance(world, (str, Path)) and Path(world).suffix in _MAPS:
         return read_map(world)
     base, changes = split(world)
     if changes and isinstance(find_world(base), FloorPlan):
         raise ValueError(f"world: {short_repr(base)} is given and has no rules, so {', '.join(changes)} must be left out.")
     if isinstance(world, (RoomRules, Mapping)) or (isinstance(world, str) and world in ROOMS):
         return given(RoomRules, world, ROOMS, "world")
-    error = refusal("world", f"one of {', '.join(map(repr, ROOMS))}, or a file ({', '.join((*GAZEBO, *MAPS))})", world)
+    error = refusal("world", f"one of {', '.join(map(repr, ROOMS))}, or a file ({', '.join(_GAZEBO + _MAPS)})", world)
     raise ValueError(f"{error}{did_you_mean(world, ROOMS)}")
 
 
@@ -82,7 +79,7 @@ def find_lidar(lidar: str | Path | Mapping[str, Any] | Lidar) -> Lidar:
 
 
 def require_a_way(plan: FloorPlan, radius: float, way: float) -> None:
-    """Refuse a floor plan without a path from start to goal.
+    """Refuse a floor plan without a path from start to goal for a robot of a radius, m.
 
     Args:
         plan: The plan.

@@ -23,7 +23,7 @@ from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAP, sub_key
 from turtlebot_gym.models.unicycle import execution_variances
 from turtlebot_gym.parameters import REFERENCE_PERIOD
-from turtlebot_gym.rooms.charting import chart, extent
+from turtlebot_gym.rooms.grid import chart, extent
 from turtlebot_gym.rooms.lidar import beams_by, time_of_beam
 from turtlebot_gym.rooms.rules import GIVEN
 from turtlebot_gym.systems.parameters import Parameters

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.drive import Drive, Seen
 from turtlebot_gym.localization.bank import followed
 from turtlebot_gym.models.angles import TWO_PI
-from turtlebot_gym.rooms.charting import BORDER
-from turtlebot_gym.rooms.grid import charted
+from turtlebot_gym.rooms.grid import BORDER, charted
 from turtlebot_gym.rooms.rules import GIVEN
 from turtlebot_gym.rooms.scan import Scan, mounted, obstacles_of
 from turtlebot_gym.systems import Parameters, Snapshot
