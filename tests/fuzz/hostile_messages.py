@@ -6,35 +6,10 @@ import re
 from functools import cache
 from importlib import import_module
 
-REALS = (
-    0.0,
-    -0.0,
-    5e-324,
-    1e-320,
-    1e-170,
-    2.2e-308,
-    1e-30,
-    1.0,
-    -1.0,
-    0.5,
-    3.0,
-    math.pi,
-    -math.pi,
-    1e5,
-    1e9,
-    3e9,
-    1e100,
-    1e154,
-    1e200,
-    1e308,
-    1.7976931348623157e308,
-    -1e308,
-    -1e200,
-    math.inf,
-    -math.inf,
-    math.nan,
-)
-SINGLES = (1e-45, 3.4e38, -3.4e38, *(number for number in REALS if not 1e38 < abs(number) < math.inf))
+LARGE = [1e5, 1e9, 3e9, 1e100, 1e154, 1e200, 1e308, 1.7976931348623157e308, math.inf]
+SMALL = [0.0, 5e-324, 1e-320, 1e-170, 2.2e-308, 1e-30, 0.5, 1.0, 3.0, math.pi]
+REALS = [sign * number for number in SMALL + LARGE for sign in (1.0, -1.0)] + [math.nan]
+SINGLES = [1e-45, 3.4e38, -3.4e38, *(number for number in REALS if not 1e38 < abs(number) < math.inf)]
 TEXTS = ("", "odom", "map", "base_link", "base_scan", "/", "nis", "nan", "-1e999", "\n\r\x07", "äöü€😀", "x" * 1000)
 
 
@@ -59,24 +34,16 @@ def _type(name):
     return getattr(import_module(f"{package}.msg"), name)
 
 
-def _parts(kind):
-    """Return the type of a sequence's or an array's items, and their number, None if any; or None for a single value."""
-    if found := re.fullmatch(r"sequence<(.+?)(?:, \d+)?>", kind):
-        return found[1], None
-    if found := re.fullmatch(r"(.+)\[(\d+)\]", kind):
-        return found[1], int(found[2])
-    return None
-
-
 def _any(kind, chance, most):
-    if parts := _parts(kind):
-        inner, number = parts
-        number = chance.choice((0, 1, 2, 3, most if "/" not in inner else 4)) if number is None else number
-        if "/" not in inner and number > 10:  # a few values, many times
-            few = [_value(inner, chance) for _ in range(5)]
-            return [chance.choice(few) for _ in range(number)]
-        return [_any(inner, chance, most if number < 5 else 0) for _ in range(number)]
-    return anything(_type(kind), chance, most) if "/" in kind else _value(kind, chance)
+    sequence, array = re.fullmatch(r"sequence<(.+?)(?:, \d+)?>", kind), re.fullmatch(r"(.+)\[(\d+)\]", kind)
+    if not (sequence or array):
+        return anything(_type(kind), chance, most) if "/" in kind else _value(kind, chance)
+    inner = (sequence or array)[1]
+    number = int(array[2]) if array else chance.choice((0, 1, 2, 3, most if "/" not in inner else 4))
+    if "/" not in inner and number > 10:  # a few values, many times
+        few = [_value(inner, chance) for _ in range(5)]
+        return [chance.choice(few) for _ in range(number)]
+    return [_any(inner, chance, most if number < 5 else 0) for _ in range(number)]
 
 
 def anything(message_type, chance=random, most=400):
@@ -85,44 +52,33 @@ def anything(message_type, chance=random, most=400):
     return message_type(**{name: _any(kind, chance, most) for name, kind in fields.items()})
 
 
-def spoil(message, chance=random, most=400):
-    """Change one field of a message, at any depth, and return the message."""
+def spoil(message, chance=random):
+    """Change one field of a message, at any depth."""
     fields = message.get_fields_and_field_types()
-    name = chance.choice(sorted(fields)) if fields else None
-    if name is None:
-        return message
-    kind, value = fields[name], getattr(message, name)
-    parts = _parts(kind)
-    if "/" in kind and not parts:
-        spoil(value, chance, most)
-    elif parts and len(value) and chance.random() < 0.7:
+    if not fields:
+        return
+    name = chance.choice(sorted(fields))
+    value = getattr(message, name)
+    if hasattr(value, "get_fields_and_field_types"):
+        spoil(value, chance)
+    elif not isinstance(value, (str, bytes)) and hasattr(value, "__len__") and len(value) and chance.random() < 0.7:
         at = chance.randrange(len(value))
-        if "/" in parts[0]:
-            spoil(value[at], chance, most)
+        if hasattr(value[at], "get_fields_and_field_types"):
+            spoil(value[at], chance)
         else:
-            value[at] = _value(parts[0], chance)
+            value[at] = _value(re.match(r"(?:sequence<)?(\w+)", fields[name])[1], chance)
     else:
-        setattr(message, name, _any(kind, chance, most))
-    return message
+        setattr(message, name, _any(fields[name], chance, 400))
 
 
-def hostile(example, number, chance, share=0.3):
-    """Yield messages: some that are drawn whole, and healthy ones with one to three fields changed.
-
-    Args:
-        example: Returns a healthy message.
-        number: How many.
-        chance: A `random.Random`.
-        share: Share of those that are drawn whole.
-    """
-    for _ in range(number):
-        healthy = example()
-        if chance.random() < share:
-            yield anything(type(healthy), chance)
-        else:
-            for _ in range(chance.randint(1, 3)):
-                spoil(healthy, chance)
-            yield healthy
+def hostile(example, chance):
+    """Return a message that is drawn whole, or a healthy one, as ``example`` returns it, with one to three fields changed."""
+    healthy = example()
+    if chance.random() < 0.3:
+        return anything(type(healthy), chance)
+    for _ in range(chance.randint(1, 3)):
+        spoil(healthy, chance)
+    return healthy
 
 
 def healthy(message_type):
@@ -147,9 +103,7 @@ def healthy(message_type):
         from turtlebot_gym_ros.node.block import Tracks
         from turtlebot_gym_ros.node.convert import conversion
 
-        tracks = conversion(Tracks).write(Tracks((0.5,) * 40), message.header)
-        for name in message.get_fields_and_field_types():
-            setattr(message, name, getattr(tracks, name))
+        return conversion(Tracks).write(Tracks((0.5,) * 40), message.header)
     if message_type.__name__ == "OccupancyGrid":
         message.info.resolution, message.info.width, message.info.height, message.data = 0.05, 20, 20, [0] * 400
     if message_type.__name__ == "DiagnosticArray":

@@ -114,20 +114,25 @@ def library(folder, name="shelf", geometry=PILLAR, more=""):
     return home
 
 
-@pytest.mark.sample(4)
-@pytest.mark.parametrize("where", ["models", "../models", "../../elsewhere"])
+MOVED = '<uri>model://shelf</uri><pose degrees="1">1 2 0 0 0 9</pose><name>n</name><static>0</static>'
+
+
 @pytest.mark.parametrize(
-    ("include", "place"),
+    ("include", "place", "where"),
     [
-        ("<uri>model://shelf</uri>", (5.0, 5.0)),
-        ("<uri>model://shelf/new.sdf</uri><pose>1 2 0 0 0 0</pose>", (1.0, 2.0)),
-        ('<uri>model://shelf</uri><pose degrees="1">1 2 0 0 0 9</pose><name>n</name><static>0</static>', (1.0, 2.0)),
+        ("<include><uri>model://shelf</uri></include>", (5.0, 5.0), "models"),
+        ("<include><uri>model://shelf/new.sdf</uri><pose>1 2 0 0 0 0</pose></include>", (1.0, 2.0), "../models"),
+        (f"<include>{MOVED}</include>", (1.0, 2.0), "../../elsewhere"),
+        (f'<model name="m"><pose>1 0 0 0 0 0</pose><include>{MOVED}</include></model>', (2.0, 2.0), "models"),  # as TurtleBot3
+        ("<include><uri>\n https://fuel.gazebosim.org/1.0/Open/models/Shelf</uri></include>", (5.0, 5.0), "cache"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.*stand still here. n")
-def test_includes_are_followed(tmp_path, monkeypatch, where, include, place):
-    path = world(tmp_path / "a" / "worlds", f"<include>{include}</include>")
-    library((path.parent / where).resolve())
+def test_includes_are_followed(tmp_path, monkeypatch, include, place, where):
+    path = world(tmp_path / "a" / "worlds", include)
+    in_cache = {"folder": tmp_path / "fuel.gazebosim.org" / "open" / "models" / "shelf", "name": "2"}
+    library(**(in_cache if where == "cache" else {"folder": (path.parent / where).resolve()}))
+    monkeypatch.setenv("GZ_FUEL_CACHE_PATH", str(tmp_path))
     monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", f"/nowhere:{tmp_path / 'elsewhere'}")
     np.testing.assert_allclose(middle(read_gazebo(path)), place, atol=1e-6)
 
@@ -204,18 +209,15 @@ def test_episodes_start_inside_of_turtlebot3s_worlds(name, half):
     assert name == "turtlebot3_world" or (abs(starts(plan)) < half).all()  # whose walls are meshes, which are not there
 
 
-@pytest.mark.parametrize(("height", "is_floor"), [(0.05, True), (0.5, False)])
-def test_what_stands_on_a_thick_floor_stands_on_the_ground(tmp_path, height, is_floor):
-    floor = model("<box><size>8 8 0.2</size></box>", f"0 0 {height} 0 0 0")
-    lamp = model("<sphere><radius>0.1</radius></sphere>", "1 1 2 0 0 0")
-    path = world(tmp_path, floor, model(PILLAR, f"2 0 {height + 0.6} 0 0 0"), lamp)
-    if not is_floor:
-        with pytest.raises(ValueError, match="no obstacle at the height of a robot"):
-            read_gazebo(path)
-        return
+def test_what_stands_on_a_thick_floor_stands_on_the_ground(tmp_path):
+    floor, lamp = (
+        model(f"<box><size>8 8 {size}</size></box>", f"0 0 {height} 0 0 0") for size, height in ((0.2, 0.05), (1, 2))
+    )
     with pytest.warns(UserWarning, match="the ground is the top of a box, at 0.15 m"):
-        plan = read_gazebo(path)
+        plan = read_gazebo(world(tmp_path, floor, model(PILLAR, "2 0 0.65 0 0 0"), lamp))
     np.testing.assert_allclose(middle(plan), (2.0, 0.0), atol=1e-6)
+    with pytest.raises(ValueError, match="no obstacle at the height of a robot"):
+        read_gazebo(world(tmp_path, floor.replace("0 0 0.05", "0 0 0.5"), model(PILLAR, "2 0 1.1 0 0 0")))
 
 
 @pytest.mark.parametrize("ending", ["stl", "obj", "dae"])

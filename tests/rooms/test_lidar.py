@@ -14,20 +14,8 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.random import SCAN, sub_key
 from turtlebot_gym.rewards import IN_ROOMS, default_weights
-from turtlebot_gym.rooms.lidar import (
-    LIDARS,
-    SECTORS,
-    SIGHT,
-    Lidar,
-    age_of_scan,
-    aim,
-    beams_by,
-    bias_of,
-    is_drawn,
-    reading,
-    reading_of,
-    time_of_beam,
-)
+from turtlebot_gym.rooms import lidar as lidars
+from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, SIGHT, Lidar, age_of_scan, aim, beams_by, reading, time_of_beam
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.rooms.scene import Walls, scene_at
@@ -38,6 +26,7 @@ from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Pose, State
 
 QUIET = Lidar(beams=8, rate=5.0, range_min=0.0, range_max=20.0)
+STAND = Pose(0.0, 0.0, 0.0)
 
 
 def room(half_length, half_width, lidar):
@@ -45,67 +34,54 @@ def room(half_length, half_width, lidar):
     scene = FloorPlan(walls=(0.0, 0.0, half_length, half_width)).scene(beams=lidar.beams)
     aim(scene.lidar.beams, lidar)
     divide(scene.lidar.spans, lidar.yaw, lidar.beams)
+    leave_out_blind(scene.lidar.spans, scene.lidar.beams, lidar.beams)
     return scene
 
 
 @pytest.mark.parametrize(
-    ("changes", "beams", "times"),
+    ("changes", "beams", "times", "ages"),
     [
-        ({}, [0, 4, 8, 12, 16], {0: 0.025, 3: 0.1, 7: 0.2, 8: 0.225}),
-        ({"beams": 13, "rate": 1.0 / 0.13}, [0, 10, 20, 30, 40], {12: 0.13}),  # a revolution ends within an interval
-        ({"turning": False}, [0, 0, 8, 8, 16], {0: 0.2, 7: 0.2}),  # all at the end of the period
+        ({}, [0, 4, 8, 12, 16], {0: 0.025, 3: 0.1, 7: 0.2, 8: 0.225}, [0.2, 0.3, 0.2, 0.3, 0.2]),
+        ({"stamped_at_end": True}, [0, 4, 8, 12, 16], {7: 0.2}, [0.0, 0.1, 0.0, 0.1, 0.0]),
+        ({"beams": 13, "rate": 1.0 / 0.13}, [0, 10, 20, 30, 40], {12: 0.13}, [0.13, 0.23, 0.2, 0.17, 0.14]),
+        ({"turning": False}, [0, 0, 8, 8, 16], {0: 0.2, 7: 0.2}, [0.0, 0.1, 0.0, 0.1, 0.0]),
     ],
-    ids=["five revolutions a second", "a revolution of 130 ms", "one that does not turn"],
 )
-def test_beams_are_measured_one_after_the_other_and_all_at_once_by_a_lidar_that_does_not_turn(changes, beams, times):
+def test_beams_are_measured_one_after_the_other_or_all_at_the_end_of_the_period(changes, beams, times, ages):
     lidar = replace(QUIET, **changes)
     assert [beams_by(at, lidar, 0.1) for at in range(5)] == beams
     assert {beam: time_of_beam(beam, lidar) for beam in times} == pytest.approx(times)
+    assert [age_of_scan(at, lidar, 0.1) for at in range(5)] == pytest.approx(ages)
 
 
-def test_the_age_of_a_scan_follows_its_stamp():
-    at_end = replace(QUIET, stamped_at_end=True)
-    assert [age_of_scan(at, at_end, 0.1) for at in range(5)] == pytest.approx([0.0, 0.1, 0.0, 0.1, 0.0])
-    assert [age_of_scan(at, QUIET, 0.1) for at in range(5)] == pytest.approx([0.2, 0.3, 0.2, 0.3, 0.2])
-
-
-def test_a_reading_has_the_deviation_the_bias_and_the_resolution_that_it_is_said_to_have():
+def test_a_reading_has_the_errors_and_limits_that_it_is_said_to_have():
     lidar = replace(QUIET, deviation=0.02, deviation_share=0.05)
     read = np.array([[reading(length, 0.0, beam, 0.0, 7, lidar) for beam in range(4000)] for length in (0.2, 2.0)])
     assert read.mean(axis=1) == pytest.approx([0.2, 2.0], abs=0.006)
     assert read.std(axis=1) == pytest.approx([0.02, 0.1], rel=0.05)
     assert reading(2.0, 0.0, 3, 0.03, 7, QUIET) == pytest.approx(2.06)
     assert reading(1.2345, 0.0, 3, 0.0, 7, replace(QUIET, quantization=0.01)) == pytest.approx(1.23)
-
-
-def test_a_reading_is_infinite_out_of_its_limits_and_where_it_is_lost():
     lidar = replace(QUIET, range_min=0.5, range_max=3.0)
     assert [reading(length, 0.5, 0, 0.0, 7, lidar) for length in (0.4, 0.6, 2.9, 3.1)] == [math.inf, 0.6, 2.9, math.inf]
     lost = [reading(1.0, 0.0, beam, 0.0, 7, replace(QUIET, dropout=0.3)) for beam in range(4000)]
     assert np.isinf(lost).mean() == pytest.approx(0.3, abs=0.03)
+    biases = np.array([lidars.bias_of(sub_key(key, SCAN), replace(QUIET, accuracy=0.05)) for key in range(2000)])
+    assert np.abs(biases).max() <= 0.05
+    assert (biases.mean(), biases.std()) == pytest.approx((0.0, 0.1 / math.sqrt(12.0)), abs=0.003)
 
 
 def test_a_lidar_without_noise_reads_the_same_without_draws():
     """The quicker way is taken only where no draw could be noticed."""
     lidar = replace(QUIET, range_min=0.5, range_max=3.0, quantization=0.01)
     for length in np.linspace(0.0, 3.5, 200).tolist():
-        assert reading(length, 0.5, 3, 0.02, 7, lidar) == reading_of(length, 0.5, 0.0, 1.0, 0.02, lidar)
-    assert [is_drawn(LIDARS[name]) for name in ("lds01", "lds02", "a1", "ideal")] == [True, True, True, False]
-    assert [is_drawn(replace(lidar, **{name: 0.1})) for name in ("deviation", "deviation_share", "dropout")] == [True] * 3
-
-
-def test_the_bias_of_an_episode_is_drawn_evenly_up_to_the_accuracy():
-    lidar = replace(QUIET, accuracy=0.05)
-    biases = np.array([bias_of(sub_key(key, SCAN), lidar) for key in range(2000)])
-    assert np.abs(biases).max() <= 0.05
-    assert biases.mean() == pytest.approx(0.0, abs=0.003)
-    assert biases.std() == pytest.approx(0.1 / math.sqrt(12.0), rel=0.05)
+        assert reading(length, 0.5, 3, 0.02, 7, lidar) == lidars.reading_of(length, 0.5, 0.0, 1.0, 0.02, lidar)
+    assert [lidars.is_drawn(LIDARS[name]) for name in ("lds01", "lds02", "a1", "ideal")] == [True, True, True, False]
+    assert all(lidars.is_drawn(replace(lidar, **{name: 0.1})) for name in ("deviation", "deviation_share", "dropout"))
 
 
 def test_beams_begin_at_the_yaw_and_some_are_blind():
-    lidar = replace(QUIET, yaw=math.pi / 2.0, range_min=0.1, dead=((math.pi - 0.1, 0.2), (-0.1, 0.2)))
     beams = np.empty((3, 8))
-    aim(beams, lidar)
+    aim(beams, replace(QUIET, yaw=math.pi / 2.0, range_min=0.1, dead=((math.pi - 0.1, 0.2), (-0.1, 0.2))))
     np.testing.assert_allclose(np.arctan2(beams[1], beams[0])[:3], [math.pi / 2.0, 3.0 * math.pi / 4.0, math.pi])
     assert np.flatnonzero(np.isinf(beams[2])).tolist() == [2, 6]  # at 180 and at 0 degrees
     assert beams[2, 0] == 0.1
@@ -113,13 +89,15 @@ def test_beams_begin_at_the_yaw_and_some_are_blind():
 
 @pytest.mark.parametrize("beams", [1, 7, 24, 36, 72, 269, 360, 1000])
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2.0, -1.3, 7.7])
-def test_a_sector_holds_its_shortest_range(beams, yaw):
+def test_a_sector_holds_its_shortest_range_and_what_is_not_measured_is_free(beams, yaw):
     random = np.random.default_rng(beams)
     ranges = random.uniform(0.1, 5.0, beams).astype(np.float32)
-    ranges[random.random(beams) < 0.1] = np.inf
+    lost = random.random(beams) < 0.1
+    sent = np.where(lost, random.choice([np.inf, np.nan, -1.0], beams), ranges).astype(np.float32)
+    ranges[lost] = np.inf
     spans, sectors = np.zeros((SECTORS, 2), np.int64), np.zeros(SECTORS, np.float32)
     divide(spans, yaw, beams)
-    pool(ranges, spans, beams, sectors)
+    pool(sent, spans, beams, sectors)
     angles = yaw + 2.0 * np.pi * np.arange(beams) / beams
     for sector in range(SECTORS):
         off = (angles - sector * 2.0 * np.pi / SECTORS + np.pi) % (2.0 * np.pi) - np.pi
@@ -129,44 +107,29 @@ def test_a_sector_holds_its_shortest_range(beams, yaw):
         assert min(abs(sectors[sector] - min(length, SIGHT) / SIGHT) for length in allowed) < 1e-6
 
 
-def test_missing_infinite_and_negative_ranges_are_free():
-    spans, sectors = np.zeros((SECTORS, 2), np.int64), np.zeros(SECTORS, np.float32)
-    divide(spans, 0.0, 36)
-    ranges = np.full(36, 1.75, np.float32)
-    ranges[[3, 5, 7]] = np.nan, np.inf, -1.0
-    pool(ranges, spans, 36, sectors)
-    assert sectors[[0, 3, 5, 7]].tolist() == [0.5, 1.0, 1.0, 1.0]
-
-
-def test_each_beam_is_cast_from_where_the_robot_was():
-    """Beam 0 looks along x while the robot drives 0.4 m towards a wall, and beam 4 looks back."""
-    scene = room(5.0, 5.0, QUIET)
-    measure(scene, Pose(0.0, 0.0, 0.0), Pose(0.4, 0.0, 0.0), 0, 8, 0.0, 7, QUIET, 0.2)
-    np.testing.assert_allclose(scene.lidar.ranges[1, [0, 4]], [5.0 - 0.05, 5.0 + 0.25], rtol=1e-6)
-
-
-def test_a_robot_that_turns_bends_its_scan():
-    scene = room(5.0, 2.0, QUIET)
-    measure(scene, Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.4), 0, 8, 0.0, 7, QUIET, 0.2)
-    heading = math.pi / 2.0 + 0.4 * 3.0 / 8.0  # beam 2, to the left, three eighths of the way through
-    assert scene.lidar.ranges[1, 2] == pytest.approx(2.0 / math.sin(heading), rel=1e-6)
-
-
-def test_the_mount_is_where_rays_begin():
-    lidar = replace(QUIET, x=0.1, y=-0.2)
+@pytest.mark.parametrize(
+    ("changes", "before", "now", "beams", "ranges"),
+    [
+        # Beam 0 looks along x while the robot drives 0.4 m towards a wall, and beam 4 looks back.
+        ({}, STAND, Pose(0.4, 0.0, 0.0), [0, 4], [5.0 - 0.05, 5.0 + 0.25]),
+        # Beam 2 looks to the left, three eighths of the way through a turn.
+        ({}, STAND, Pose(0.0, 0.0, 0.4), [2], [2.0 / math.cos(0.4 * 3.0 / 8.0)]),
+        ({"x": 0.1, "y": -0.2}, *[Pose(1.0, 0.5, math.pi / 2.0)] * 2, [0, 2, 4, 6], [1.4, 6.2, 2.6, 3.8]),
+    ],
+)
+def test_each_beam_is_cast_from_where_the_lidar_was(changes, before, now, beams, ranges):
+    lidar = replace(QUIET, **changes)
     scene = room(5.0, 2.0, lidar)
-    stand = Pose(1.0, 0.5, math.pi / 2.0)
-    measure(scene, stand, stand, 0, 8, 0.0, 7, lidar, 0.2)
-    np.testing.assert_allclose(scene.lidar.ranges[1, [0, 2, 4, 6]], [1.4, 6.2, 2.6, 3.8], rtol=1e-6)
+    measure(scene, before, now, 0, 8, 0.0, 7, lidar, 0.2)
+    np.testing.assert_allclose(scene.lidar.ranges[1, beams], ranges, rtol=1e-6)
 
 
 def test_a_scan_is_published_when_its_last_beam_is_there_and_not_before():
     scene = room(3.0, 3.0, QUIET)
-    stand = Pose(0.0, 0.0, 0.0)
-    measure(scene, stand, stand, 0, 7, 0.0, 7, QUIET, 0.2)
+    measure(scene, STAND, STAND, 0, 7, 0.0, 7, QUIET, 0.2)
     assert not scene.lidar.ranges[1].any()
     assert not scene.lidar.sectors.any()
-    measure(scene, stand, stand, 7, 9, 0.0, 7, QUIET, 0.2)
+    measure(scene, STAND, STAND, 7, 9, 0.0, 7, QUIET, 0.2)
     assert scene.lidar.ranges[1, 7] == pytest.approx(3.0 * math.sqrt(2.0), rel=1e-6)
     assert scene.lidar.sectors[0] == pytest.approx(3.0 / 3.5, rel=1e-6)
 
@@ -182,9 +145,7 @@ def test_sectors_to_which_a_lidar_is_blind_are_as_near_as_what_is_beside_them_an
     lidar = replace(LIDARS["urg04lx"], deviation=0.0, deviation_share=0.0)
     for half_length, half_width, behind in ((3.0, 3.0, NEAR), (3.0, 0.6, 0.6 / math.sin(math.radians(115.0)))):
         scene = room(half_length, half_width, lidar)
-        leave_out_blind(scene.lidar.spans, scene.lidar.beams, lidar.beams)
-        stand = Pose(0.0, 0.0, 0.0)
-        measure(scene, stand, stand, -lidar.beams, 0, 0.0, 7, lidar, 0.1)
+        measure(scene, STAND, STAND, -lidar.beams, 0, 0.0, 7, lidar, 0.1)
         unknown = scene.lidar.sectors[13:24] * SIGHT
         assert (unknown == unknown[0]).all()
         assert unknown[0] == pytest.approx(behind, rel=0.01)
@@ -200,7 +161,7 @@ def test_blind_beams_return_nothing_and_change_no_other_beam(blind):
         scene = room(2.0, 1.0, lidar)
         for first in range(0, lidar.beams, 300):
             last = min(first + 300, lidar.beams)
-            measure(scene, Pose(0.0, 0.0, 0.0), Pose(0.01, 0.0, 0.1), first, last, 0.0, 7, lidar, 0.1)
+            measure(scene, STAND, Pose(0.01, 0.0, 0.1), first, last, 0.0, 7, lidar, 0.1)
         measured.append(scene.lidar.ranges[1].copy())
     is_blind = np.isinf(scene.lidar.beams[2, : sees.beams])
     assert is_blind.any()
@@ -208,7 +169,7 @@ def test_blind_beams_return_nothing_and_change_no_other_beam(blind):
 
 
 WALL, GOAL = 3.0, Pose(2.0, 0.0, 0.0)
-HALL = FloorPlan(walls=Walls(0.0, 0.0, WALL, WALL), start=Pose(0.0, 0.0, 0.0), goal=GOAL)
+HALL = FloorPlan(walls=Walls(0.0, 0.0, WALL, WALL), start=STAND, goal=GOAL)
 
 
 @kernel
@@ -236,35 +197,25 @@ def test_robots_with_the_same_lidar_share_its_beams(parameters):
         assert np.shares_memory(first, second) is shared
 
 
-@pytest.fixture(scope="module")
-def by_scan(parameters):
-    return system_of(parameters)._replace(estimate=estimate_by_the_wall_ahead, reads_scan=True)
-
-
 @pytest.mark.nightly
-def test_a_filter_that_reads_the_scan_is_the_same_compiled_and_in_plain_python(parameters, by_scan, in_step):
+def test_a_filter_that_reads_the_scan_is_the_same_compiled_and_in_plain_python(parameters, in_step):
+    by_scan = system_of(parameters)._replace(estimate=estimate_by_the_wall_ahead, reads_scan=True)
     batch = Batch(35, parameters, (GOAL,), system=by_scan, plan=HALL)
     plain = {i: Episode(parameters, seed=i, system=by_scan, plan=HALL) for i in (0, 33)}
     reached = sum(outcomes[5].sum() for outcomes in in_step(batch, plain, [0.8, -0.1], [1.2, 0.1], 120))
     assert reached > 0, "no goal was reached: the test saw too little"
 
 
-def test_it_uses_the_scan_of_its_own_step(parameters, by_scan):
+def test_a_filter_uses_the_scan_of_its_own_step_and_needs_one(parameters):
     """At full speed the scan of the step before would be off by 2 cm; this one is exact, so the estimate of x is."""
-    errors = {}
-    for name, system in {"without": system_of(parameters), "with": by_scan}.items():
-        episode = Episode(parameters, seed=1, system=system, plan=HALL)
-        off = []
-        for _ in range(60):
-            episode.act((1.0, 0.0))
-            off.append(abs(episode.world.estimate.belief.mean.x - episode.world.body.true_state.x))
-        errors[name] = float(np.mean(off[5:]))
-    assert errors["with"] < 0.01 < errors["without"]
-
-
-def test_without_surroundings_there_is_no_scan():
+    by_scan = {"estimate": estimate_by_the_wall_ahead, "reads_scan": True}
+    episode = Episode(parameters, seed=1, system=system_of(parameters)._replace(**by_scan), plan=HALL)
+    off = []
+    for _ in range(60):
+        episode.act((1.0, 0.0))
+        off.append(abs(episode.world.estimate.belief.mean.x - episode.world.body.true_state.x))
+    assert np.mean(off[5:]) < 0.01
     p = make_parameters()
-    with pytest.raises(ValueError, match=r"System\.reads_scan must be false without surroundings"):
-        Batch(1, p, (GOAL,), system=system_of(p)._replace(reads_scan=True))
-    with pytest.raises(ValueError, match=r"System\.reads_scan must be false without surroundings"):
-        Episode(p, (GOAL,), system=system_of(p)._replace(reads_scan=True))
+    for make in (Batch, lambda number, *rest, **more: Episode(*rest, **more)):
+        with pytest.raises(ValueError, match=r"System\.reads_scan must be false without surroundings"):
+            make(1, p, (GOAL,), system=system_of(p)._replace(reads_scan=True))

@@ -4,7 +4,6 @@ import math
 import time
 from types import SimpleNamespace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 import shapely
@@ -81,55 +80,27 @@ def points_on(grid, number, seed):
     return x + grid.resolution * (cosine * along - sine * across), y + grid.resolution * (sine * along + cosine * across)
 
 
-def lengths_to_cells(grid, x, y, dx, dy):
-    """Return the lengths of rays from a point to the first of all occupied cells, or to the border, in the map's frame."""
-    origin, turn = complex(*grid.origin[:2]), np.exp(-1j * grid.origin[2])
-    point, towards = turn * (complex(x, y) - origin) / grid.resolution, turn * (dx + 1j * dy)
-    with np.errstate(divide="ignore", invalid="ignore"):
-
-        def slab(low, high, start, component):
-            first, second = (low - start) / component[:, None], (high - start) / component[:, None]
-            return np.fmin(first, second), np.fmax(first, second)
-
-        rows, columns = (at[None, :] for at in np.nonzero(grid.cells == OCCUPIED))
-        near_x, far_x = slab(columns, columns + 1, point.real, towards.real)
-        near_y, far_y = slab(rows, rows + 1, point.imag, towards.imag)
-        near, far = np.fmax(near_x, near_y), np.fmin(far_x, far_y)
-        to_cells = np.where((near <= far) & (far >= 0.0), np.fmax(near, 0.0), np.inf).min(axis=1, initial=np.inf)
-        height, width = (np.array([size]) for size in grid.cells.shape)
-        _, out_x = slab(0, width, point.real, towards.real)
-        _, out_y = slab(0, height, point.imag, towards.imag)
-    return grid.resolution * np.fmin(to_cells, np.fmin(out_x, out_y)[:, 0])
-
-
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("at", range(len(GRIDS)))
-def test_10_000_rays_on_each_map_agree_with_brute_force_and_some_with_shapely(at, cast_all):
+def test_rays_on_each_map_agree_with_shapely(at, cast_all):
     """At random, along the rows, and a hair beside the corners of cells."""
     grid = GRIDS[at]
     solid, outline = boxes_of(grid)
     surfaces = shapely.union(solid.boundary, outline.exterior)
     shapely.prepare(surfaces)
     scene = FloorPlan(walls=grid.walls(), map=grid).scene()
-    edges = shapely.get_coordinates(solid)
-    random, worst, tried = np.random.default_rng(at), 0.0, 0
-    for number, (x, y) in enumerate(zip(*points_on(grid, 25, at), strict=True)):
-        angles = random.uniform(-math.pi, math.pi, 400)
+    edges, random = shapely.get_coordinates(solid), np.random.default_rng(at)
+    for x, y in zip(*points_on(grid, 12, at), strict=True):
+        angles = random.uniform(-math.pi, math.pi, 200)
         angles[:4] = grid.origin[2] + np.array([0.0, 0.5, 1.0, 1.5]) * math.pi
-        if len(edges):
-            beside = edges[random.integers(len(edges), size=10)]
-            angles[4:14] = np.arctan2(beside[:, 1] - y, beside[:, 0] - x) + random.choice([-1e-7, 1e-7], 10)
+        beside = edges[random.integers(len(edges), size=10)]
+        angles[4:14] = np.arctan2(beside[:, 1] - y, beside[:, 0] - x) + random.choice([-1e-7, 1e-7], 10)
         dx, dy = np.cos(angles), np.sin(angles)
         distances = np.empty(angles.size)
         cast_all(scene, np.full(angles.size, x), np.full(angles.size, y), dx, dy, distances, 99.0)
-        worst = max(worst, float(np.abs(distances - lengths_to_cells(grid, x, y, dx, dy)).max()))
-        if number < 3:
-            ends = np.stack([np.broadcast_to([x, y], (100, 2)), np.stack([x + 20.0 * dx, y + 20.0 * dy], -1)[:100]], 1)
-            met = shapely.intersection(shapely.linestrings(ends), surfaces)
-            worst = max(worst, float(np.abs(distances[:100] - shapely.distance(shapely.Point(x, y), met)).max()))
-        tried += angles.size
-    assert tried >= 10_000
-    assert worst < 1e-9
+        ends = np.stack([np.broadcast_to([x, y], (angles.size, 2)), np.stack([x + 20.0 * dx, y + 20.0 * dy], -1)], 1)
+        met = shapely.intersection(shapely.linestrings(ends), surfaces)
+        np.testing.assert_allclose(distances, shapely.distance(shapely.Point(x, y), met), atol=1e-9)
 
 
 @pytest.mark.parametrize("at", range(len(GRIDS)))
@@ -163,10 +134,6 @@ def test_plain_python_finds_the_same_bits(at, cast_all, cast_plain):
     assert [clearance_compiled(compiled, a, b) for a, b in zip(x, y, strict=True)] == [
         sensing.clearance(plain, a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)
     ]
-    if grid.cells.size < 10_000:
-        BLOCK(compiled, 0.2)
-        geodesic.block(plain, 0.2)
-        np.testing.assert_array_equal(compiled.room.ways, plain.room.ways)
 
 
 def test_a_ray_around_a_corner_ends_everywhere(cast_all):
@@ -182,25 +149,6 @@ def test_a_ray_around_a_corner_ends_everywhere(cast_all):
         cast_all(scene, x, y, np.full(x.size, math.cos(angle)), np.full(x.size, math.sin(angle)), actual, 99.0)
         assert (actual >= 0.0).all()
         assert (actual < 4.3).all()
-
-
-@pytest.mark.parametrize("at", [0, 1, 2])
-def test_ways_keep_clear_and_stay_on_known_ground(at):
-    grid = GRIDS[at]
-    solid, outline = boxes_of(grid)
-    scene = FloorPlan(walls=grid.walls(), map=grid).scene()
-    BLOCK(scene, 0.2)
-    rows, columns = geodesic.extent(scene)
-    free = 0
-    for row in range(rows):
-        for column in range(columns):
-            a, b = geodesic.centre_of(scene, row, column)
-            point, (i, j) = shapely.Point(a, b), cell_of(grid, a, b)
-            known = 0 <= i < grid.cells.shape[0] and 0 <= j < grid.cells.shape[1] and grid.cells[i, j] == FREE
-            expected = known and point.distance(solid) >= 0.2 and point.distance(outline.exterior) >= 0.2
-            assert geodesic.is_free(scene, a, b) == expected
-            free += expected
-    assert free > 10
 
 
 def test_a_map_is_the_same_compiled_and_in_plain_python(hall, in_step):
@@ -232,52 +180,27 @@ def test_starts_and_goals_are_in_known_free_ground_and_not_far_apart(hall):
     assert len(places) > 70
 
 
-def test_obstacles_may_stand_on_a_map(cast_all):
-    grid = GridMap(cells=np.zeros((60, 60), np.int8), resolution=0.1)
-    plan = FloorPlan(walls=grid.walls(), map=grid, circles=((3.0, 1.0, 0.5),))
-    actual = np.empty(2)
-    cast_all(plan.scene(), np.full(2, 3.0), np.full(2, 3.0), np.zeros(2), np.array([-1.0, 1.0]), actual, 99.0)
-    assert actual == pytest.approx([1.5, 3.0])
-    assert clearance_compiled(plan.scene(), 3.0, 2.0) == pytest.approx(0.5)
-
-
-def test_a_map_is_drawn_at_its_place(hall):
-    env = gym.make(ID, world=read_map(hall, start=Pose(-2.0, 0.0, 0.0)), render_mode="rgb_array", lidar="ideal")
-    env.reset(seed=0)
-    x, y, half_length, half_width = env.unwrapped._batch.scenes.room.walls[0]
-    drawn, half = env.render()[64:], max(half_length, half_width) + 0.5
-
-    def at(column, row):
-        """Return the colour in the middle of a cell of the image."""
-        along, across = (column + 0.5) * 0.1, (60 - row - 0.5) * 0.1
-        a, b = -4.0 + along * math.cos(0.3) - across * math.sin(0.3), -3.0 + along * math.sin(0.3) + across * math.cos(0.3)
-        scale = drawn.shape[0] / (2.0 * half)
-        return tuple(map(int, drawn[round((y + half - b) * scale), round((a - x + half) * scale)]))
-
-    assert at(39, 5) == (0x55, 0x55, 0x55)
-    assert at(70, 32) == (0xDD, 0xDD, 0xDD)  # unknown
-    assert at(50, 32) == (255, 255, 255)
-
-
-def test_a_map_is_shown_by_its_cells_and_not_by_what_follows_from_them():
-    shown = repr(GridMap(cells=np.zeros((2, 2), np.int8), resolution=0.5))
-    assert shown.startswith("GridMap(cells=")
-    assert not any(name in shown for name in ("squares", "known", "frame"))
-
-
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("draw", range(6))
-def test_cells_of_the_path_grid_are_blocked_as_one_by_one(draw):
+def test_cells_of_the_path_grid_keep_clear_of_the_map_and_stay_on_known_ground(draw):
     chance = np.random.default_rng(draw)
     cells = np.where(chance.random((40 + 7 * draw, 60)) < (0.01, 0.05, 0.3)[draw % 3], OCCUPIED, FREE)
     cells[chance.random(cells.shape) < 0.05] = UNKNOWN
     origin = Pose(*chance.normal(0.0, 3.0, 2).tolist(), 0.3 * (draw % 2))
     grid = GridMap(cells=cells, resolution=(0.05, 0.1, 0.03, 0.5)[draw % 4], origin=origin)
-    scenes = [FloorPlan(walls=grid.walls(), map=grid).scene() for _ in range(2)]
+    scenes = [FloorPlan(walls=grid.walls(), map=grid).scene() for _ in range(3)]
     geodesic.block(scenes[0], 0.21)
     geodesic._block_outside_each(scenes[1], 0.21)
-    np.testing.assert_array_equal(scenes[0].room.ways, scenes[1].room.ways)
-    assert len(np.unique(scenes[0].room.ways)) == 2 or draw % 3
+    BLOCK(scenes[2], 0.21)
+    for scene in scenes[1:]:
+        np.testing.assert_array_equal(scenes[0].room.ways, scene.room.ways)
+    (solid, outline), (rows, columns) = boxes_of(grid), geodesic.extent(scenes[0])
+    for row, column in chance.integers((rows, columns), size=(300, 2)).tolist():
+        x, y = geodesic.centre_of(scenes[0], row, column)
+        point, (i, j) = shapely.Point(x, y), cell_of(grid, x, y)
+        known = 0 <= i < grid.cells.shape[0] and 0 <= j < grid.cells.shape[1] and grid.cells[i, j] == FREE
+        free = known and min(point.distance(solid), point.distance(outline.exterior)) >= 0.21
+        assert geodesic.is_free(scenes[0], x, y) == free
 
 
 def test_a_map_that_is_too_large_is_refused_before_anything_is_computed():
@@ -287,14 +210,3 @@ def test_a_map_that_is_too_large_is_refused_before_anything_is_computed():
     with pytest.raises(ValueError, match="the map has 64,000,000 cells, more than 30,000,000: save it at a coarser"):
         grid_of(SimpleNamespace(info=info, data=None))
     assert time.process_time() - began < 0.1
-
-
-@pytest.mark.slow
-def test_a_map_of_26_million_cells_takes_less_than_10_s_to_read_and_10_s_to_find_ways_on():
-    cells = np.zeros((4795, 5474), np.int8)
-    cells[::200], cells[::9, ::9] = OCCUPIED, OCCUPIED
-    began = time.process_time()
-    grid = GridMap(cells=cells, resolution=0.05)
-    read = time.process_time()
-    geodesic.block(FloorPlan(walls=grid.walls(), map=grid).scene(), 0.21)
-    assert max(read - began, time.process_time() - read) < 10.0

@@ -4,17 +4,15 @@ import math
 from dataclasses import fields, replace
 from functools import partial
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.rewards import IN_ROOMS, default_weights
-from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, Lidar
+from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import arrays_of
@@ -45,10 +43,6 @@ def test_every_world_and_lidar_is_the_same_compiled_and_in_plain_python(world, l
                 np.testing.assert_array_equal(compiled, expected)
         contacts += int(batch.numbers("room.collided").sum())
     assert contacts > 0 or world == "office", "nothing was touched: the test saw too little"
-
-
-def test_it_keeps_gymnasiums_contract():
-    check_env(gym.make(ID, world="clutter", lidar="ideal").unwrapped, skip_render_check=True)
 
 
 def test_contact_ends_an_episode_where_the_footprint_touches_the_wall():
@@ -114,38 +108,24 @@ def test_the_first_scan_is_complete_and_its_age_is_observed():
     assert ages == pytest.approx([0.0, 0.1, 0.0, 0.1, 0.0])
 
 
-LIDAR = Lidar(
-    beams=40,
-    rate=5.0,
-    range_min=0.3,
-    range_max=2.5,
-    deviation=0.01,
-    deviation_share=0.02,
-    accuracy=0.05,
-    quantization=0.01,
-    dropout=0.1,
-    dead=((0.5, 0.3),),
-    x=0.05,
-    y=0.02,
-    yaw=0.3,
-)
-CHANGES = {
-    "beams": 44,
-    "rate": 4.0,
-    "range_min": 0.6,
-    "range_max": 2.0,
-    "deviation": 0.05,
-    "deviation_share": 0.1,
-    "accuracy": 0.02,
-    "quantization": 0.05,
-    "dropout": 0.3,
-    "dead": ((0.5, 0.6),),
-    "x": 0.0,
-    "y": 0.0,
-    "yaw": 0.0,
-    "turning": False,
-    "stamped_at_end": True,
+VALUES = {
+    "beams": (40, 44),
+    "rate": (5.0, 4.0),
+    "range_min": (0.3, 0.6),
+    "range_max": (2.5, 2.0),
+    "deviation": (0.01, 0.05),
+    "deviation_share": (0.02, 0.1),
+    "accuracy": (0.05, 0.02),
+    "quantization": (0.01, 0.05),
+    "dropout": (0.1, 0.3),
+    "dead": (((0.5, 0.3),), ((0.5, 0.6),)),
+    "x": (0.05, 0.0),
+    "y": (0.02, 0.0),
+    "yaw": (0.3, 0.0),
+    "turning": (True, False),
+    "stamped_at_end": (False, True),
 }
+LIDAR = Lidar(**{name: values[0] for name, values in VALUES.items()})
 
 
 def rollout(**options):
@@ -165,29 +145,4 @@ def usual():
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Lidar)])
 def test_every_parameter_of_a_lidar_changes_a_rollout(usual, name):
-    assert rollout(lidar=replace(LIDAR, **{name: CHANGES[name]})) != usual
-
-
-@pytest.mark.parametrize("changes", [{"collision": 3.0}, {"nearness": 2.0}])
-def test_every_weight_of_a_room_changes_a_reward(changes):
-    values = []
-    for weights in ({}, changes):
-        env = room(world=replace(HALL, start=Pose(2.7, 0.0, 0.0), goal=Pose(-2.0, 0.0, 0.0)), noise="clean", reward=weights)
-        env.reset(seed=0)
-        values.append([env.step(np.array([1.0, 0.0], np.float32))[1] for _ in range(14)])
-    assert values[0] != values[1]
-
-
-def test_the_radius_of_the_robot_decides_on_contact():
-    ends = [room(world=HALL, robot=robot, noise="clean").reset(seed=0)[1]["clearance"] for robot in ("burger", "waffle")]
-    assert ends == pytest.approx([3.0 - 0.105, 3.0 - 0.22])
-
-
-def test_the_observation_is_the_belief_of_open_ground_with_ranges():
-    env = room(world="dense", lidar="lds01")
-    space = env.observation_space
-    assert space.shape == (13 + SECTORS + 1,)
-    assert (set(space.low[13:]), set(space.high[13:])) == ({0.0}, {1.0})
-    observation, info = env.reset(seed=4)
-    estimate, reference = info["estimate"], info["reference"]
-    assert observation[0] == pytest.approx(math.hypot(*(reference[:2] - estimate[:2])), rel=1e-6)
+    assert rollout(lidar=replace(LIDAR, **{name: VALUES[name][1]})) != usual
