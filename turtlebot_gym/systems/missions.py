@@ -9,7 +9,7 @@ from turtlebot_gym.rewards import ON_MISSIONS, default_weights
 from turtlebot_gym.rooms.drawing import draw_next
 from turtlebot_gym.rooms.geodesic import spread, way_left
 from turtlebot_gym.systems.system import System
-from turtlebot_gym.systems.world import Course, Judgement, RoomState, Snapshot
+from turtlebot_gym.systems.world import Course, Judgement
 from turtlebot_gym.tasks import distance_to, overdue
 
 
@@ -21,11 +21,8 @@ def _renew(world, judgement, key, p, scene):
     visited, truth = world.course.visited, world.body.true_state
     goal = draw_next(scene, p.room.rules, world.course.reference, key, int(visited))
     spread(scene, goal.x, goal.y)
-    pose, _, near, least, path_length, scan_age, collided, _ = world.room
-    room = RoomState(pose, way_left(scene, truth.x, truth.y), near, least, path_length, scan_age, collided, world.steps)
-    _, success, terminated, truncated, reached = judgement
-    renewed = Judgement(distance_to(truth, goal), success, terminated, truncated, reached)
-    return Snapshot(world.body, world.senses, world.estimate, Course(goal, goal, visited), world.steps, room), renewed
+    room = world.room._replace(way=way_left(scene, truth.x, truth.y), given=world.steps)
+    return world._replace(course=Course(goal, goal, visited), room=room), judgement._replace(distance=distance_to(truth, goal))
 
 
 @cache

@@ -97,5 +97,4 @@ class Outcome(NamedTuple):
 @kernel
 def outcome_of(reward: float, judgement: Judgement, shares: Any) -> Outcome:
     """Return the outcome of a step."""
-    distance, is_success, terminated, truncated, reached = judgement
-    return Outcome(reward, distance, is_success, terminated, truncated, reached, shares)
+    return Outcome(reward, *judgement, shares)
