@@ -14,8 +14,7 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.random import SCAN, sub_key
 from turtlebot_gym.rewards import IN_ROOMS, default_weights
-from turtlebot_gym.rooms import lidar as lidars
-from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, SIGHT, Lidar, age_of_scan, aim, beams_by, reading, time_of_beam
+from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, SIGHT, Lidar, age_of_scan, aim, beams_by, bias_of, reading, time_of_beam
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.rooms.scene import Walls, scene_at
@@ -65,18 +64,15 @@ def test_a_reading_has_the_errors_and_limits_that_it_is_said_to_have():
     assert [reading(length, 0.5, 0, 0.0, 7, lidar) for length in (0.4, 0.6, 2.9, 3.1)] == [math.inf, 0.6, 2.9, math.inf]
     lost = [reading(1.0, 0.0, beam, 0.0, 7, replace(QUIET, dropout=0.3)) for beam in range(4000)]
     assert np.isinf(lost).mean() == pytest.approx(0.3, abs=0.03)
-    biases = np.array([lidars.bias_of(sub_key(key, SCAN), replace(QUIET, accuracy=0.05)) for key in range(2000)])
+    biases = np.array([bias_of(sub_key(key, SCAN), replace(QUIET, accuracy=0.05)) for key in range(2000)])
     assert np.abs(biases).max() <= 0.05
     assert (biases.mean(), biases.std()) == pytest.approx((0.0, 0.1 / math.sqrt(12.0)), abs=0.003)
 
 
 def test_a_lidar_without_noise_reads_the_same_without_draws():
-    """The quicker way is taken only where no draw could be noticed."""
     lidar = replace(QUIET, range_min=0.5, range_max=3.0, quantization=0.01)
     for length in np.linspace(0.0, 3.5, 200).tolist():
-        assert reading(length, 0.5, 3, 0.02, 7, lidar) == lidars.reading_of(length, 0.5, 0.0, 1.0, 0.02, lidar)
-    assert [lidars.is_drawn(LIDARS[name]) for name in ("lds01", "lds02", "a1", "ideal")] == [True, True, True, False]
-    assert all(lidars.is_drawn(replace(lidar, **{name: 0.1})) for name in ("deviation", "deviation_share", "dropout"))
+        assert reading(length, 0.5, 3, 0.02, 7, lidar) == reading(length, 0.5, 3, 0.02, 7, lidar, False)
 
 
 def test_beams_begin_at_the_yaw_and_some_are_blind():

@@ -155,35 +155,24 @@ def aim(beams, lidar: Lidar) -> None:
 
 
 @kernel
-def reading_of(length: float, least: float, noise: float, lost: float, bias: float, lidar: Lidar) -> float:
+def reading(length: float, least: float, beam: int, bias: float, key: int, lidar: Lidar, drawn: bool = True) -> float:
     """Return the measured range of a beam, m; infinite if nothing is returned.
 
     Args:
         length: True length, m.
         least: The shortest range that the beam returns, m.
-        noise: Standard normal draw.
-        lost: Uniform draw.
+        beam: Number of the beam in the episode, for the draws.
         bias: Share by which ranges are too long in this episode.
+        key: Key of the episode's scans.
         lidar: Its errors.
+        drawn: Whether any of them depends on draws; without, the range is the same and takes less time.
     """
+    noise, _ = normals(key, beam, 0) if drawn else (0.0, 0.0)
+    lost, _ = uniforms(key, beam, 1) if drawn and lidar.dropout > 0.0 else (1.0, 1.0)
     deviation = max(lidar.deviation, lidar.deviation_share * length)
     measured = quantize(length * (1.0 + bias) + deviation * noise, lidar.quantization)
     seen = (length <= lidar.range_max) & (measured >= least) & (measured <= lidar.range_max) & (lost >= lidar.dropout)
     return measured if seen else math.inf
-
-
-@kernel
-def is_drawn(lidar: Lidar) -> bool:
-    """Return whether readings of a LiDAR depend on draws."""
-    return lidar.deviation > 0.0 or lidar.deviation_share > 0.0 or lidar.dropout > 0.0
-
-
-@kernel
-def reading(length: float, least: float, beam: int, bias: float, key: int, lidar: Lidar) -> float:
-    """Return the measured range of a beam, m, as `reading_of`, with the draws of the beam of that number in the episode."""
-    noise, _ = normals(key, beam, 0)
-    lost, _ = uniforms(key, beam, 1) if lidar.dropout > 0.0 else (1.0, 1.0)  # then no beam is lost, whatever is drawn
-    return reading_of(length, least, noise, lost, bias, lidar)
 
 
 @kernel

@@ -8,7 +8,7 @@ import numpy as np
 
 from turtlebot_gym.kernel import compiled_scratch, exactly, is_plain, kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
-from turtlebot_gym.rooms.lidar import Lidar, bias_of, is_drawn, reading, reading_of, time_of_beam
+from turtlebot_gym.rooms.lidar import Lidar, bias_of, reading, time_of_beam
 from turtlebot_gym.rooms.rays import (
     FAR,
     distance_to_box,
@@ -260,12 +260,12 @@ def measure(
         if not is_blind:
             cast(scene, rays, n, lidar.range_max + 1.0, sweep, drift)
         lengths = rays[_LENGTH:]
-        if is_drawn(lidar):
+        if lidar.deviation > 0.0 or lidar.deviation_share > 0.0 or lidar.dropout > 0.0:
             for ray in range(padded):
                 lengths[ray] = reading(lengths[ray], least[ray], first + ray, bias, key, lidar)
-        else:  # the same numbers in less time
+        else:
             for ray in range(padded):
-                lengths[ray] = reading_of(lengths[ray], least[ray], 0.0, 1.0, bias, lidar)
+                lengths[ray] = reading(lengths[ray], least[ray], first + ray, bias, key, lidar, False)
         for ray in range(0 if is_blind else n):
             sweeping[begin + ray] = lengths[ray]
         if begin + n == revolution:
