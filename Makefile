@@ -101,9 +101,6 @@ check: $(READY)  ## style, types, the direction of imports, and spelling
 bench: $(READY)  ## speed by wall time and CPU seconds, as ratios in one run, alone and beside busy processes (4 minutes)
 	$(RUN)python benchmarks/speed.py --json $(OUT)/speed.json
 
-bench-train: $(READY)  ## CPU seconds from command to policy on open ground, five seeds (10 minutes)
-	$(RUN)python benchmarks/training.py
-
 faults: $(READY)  ## 127 kinds of fault, 8 times each, injected into live chains, with a driver that may lie and an independent judge (an hour; resumes)
 	$(RUN)python benchmarks/faults.py --kept $(OUT)/faults.jsonl
 

@@ -40,16 +40,13 @@ from turtlebot_gym.values import Pose
 from turtlebot_gym_lab.evaluation.localize import FAR, KNOWN, KnownPlace, RecordedCourse, RecordedScans, localize
 
 Array = NDArray[np.float64]
-HIT = 0.25
-"""Least share of the beams through a cell that end in it where it is occupied."""
-BLOCK, STAY = 9, 5
-"""Number of beams that a person hides, and of rows for which people stay."""
+HIT, BLOCK, STAY = 0.25, 9, 5
+"""Least share of the beams through an occupied cell that end in it; beams that a person hides; rows for which people stay."""
 ASTRAY, TURNED = 0.5, 0.3
 """Distance, m, and turn, rad, from which on a pose is wrong."""
-LEAP, AFTER, BACK = 1.4, 60.0, 3.0
-"""Turn by which odometry's heading leaps, rad; time between two events, s; time for which the robot goes back, s."""
-BEFORE, WITHIN = 20.0, 10.0
-"""Time before a robot is carried off, s, and way on which it must be right again, m."""
+LEAP, AFTER, BACK, BEFORE, WITHIN = 1.4, 60.0, 3.0, 20.0, 10.0
+"""Turn by which odometry's heading leaps, rad; times between two events, of going back, and until a robot is carried off, s;
+way on which it must be right again, m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,20 +100,11 @@ CONDITIONS |= {
 
 
 class Building(NamedTuple):
-    """A recording with reference poses at some rows."""
+    """A recording, with the rows of key frames and their reference poses, shape (K, 3); m, m, rad."""
 
     recorded: RecordedScans
     rows: NDArray[np.intp]
-    """Rows of the key frames, shape (K,)."""
     reference: Array
-    """Shape (K, 3); m, m, rad."""
-
-
-class Chart(NamedTuple):
-    """A map as the localizer uses it, see `rooms.field`."""
-
-    field: NDArray[np.float32]
-    frame: Array
 
 
 def load(path: Path) -> Building:
@@ -130,8 +118,8 @@ def load(path: Path) -> Building:
     return Building(recorded, rows - first, reference)
 
 
-def chart(building: Building, cell: float, frames: slice = slice(None)) -> Chart:
-    """Return the map of some key frames: occupied is where at least `HIT` of the beams through a cell end."""
+def chart(building: Building, cell: float, frames: slice = slice(None)) -> tuple[NDArray[np.float32], Array]:
+    """Return the map of some key frames, field and frame, see `rooms.field`: occupied is where `HIT` of the beams end."""
     poses, ranges = building.reference[frames], building.recorded.ranges[building.rows[frames]].astype(np.float64)
     corner = poses[:, :2].min(axis=0) - FAR - 1.0
     columns, rows = ((poses[:, :2].max(axis=0) + FAR + 1.0 - corner) / cell).astype(int) + 1
@@ -151,7 +139,7 @@ def chart(building: Building, cell: float, frames: slice = slice(None)) -> Chart
     occupied, field = ((hits > 0) & (hits >= HIT * passed)).reshape(rows, columns), np.empty((rows, columns), np.float32)
     field_of_hits(occupied, cell, field)
     field[(passed.reshape(rows, columns) == 0) & (field > BESIDE)] = np.nan
-    return Chart(field, np.array([*corner, 1.0, 0.0, cell]))
+    return field, np.array([*corner, 1.0, 0.0, cell])
 
 
 def added(start: Array, steps: Array) -> Array:
@@ -289,17 +277,11 @@ def main(
     seed: int = 0,
     json: Path = Path("benchmarks/buildings.json"),
 ) -> None:
-    """Localize, print and write; the worst conditions come first.
+    """Localize in buildings, whose recordings are in the folder `carmen` of the data, under all conditions or a few, and write.
 
-    Args:
-        data: Folder with the recordings, in `carmen`.
-        buildings: Their names.
-        only: Names of conditions; by default all.
-        number: Number of short drives.
-        seed: Seed of people and of short drives.
-        json: File for the results.
+    A number of short drives is made for each building where a condition wants these.
     """
-    options, results = {**locals()}, {"buildings": {}, "found": {}}
+    options, results = {**locals()}, dict[str, Any](buildings={}, found={})
     for name in buildings:
         site, drives, found = Site(load(data / "carmen" / f"{name}.npz")), {}, {}
         for title in each(only or CONDITIONS, name):

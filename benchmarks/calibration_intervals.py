@@ -74,16 +74,10 @@ def twists(random: np.random.Generator, rows: int, dt: float) -> NDArray[np.floa
 def simulated(
     seed: int, integrator: str, kind: str, truth: str, *, rate: float | None = None, tails: int = 0, **given: float
 ) -> tuple[Drive, dict[str, float]]:
-    """Return a drive, and what a calibration of it should find.
+    """Return a drive in one of `SETTINGS`, and what a calibration of it should find.
 
-    Args:
-        seed: Seed of parameters, path and noise.
-        integrator: "euler" or "midpoint".
-        kind: "pose" or "wheel".
-        truth: "exact" or "noisy".
-        rate: Rows per second; by default one of `LENGTHS`, in turn.
-        tails: Degrees of freedom of Student's noise of the execution; 0 for normal noise.
-        **given: Parameters that are not drawn.
+    The rate is in rows per second, by default one of `LENGTHS` in turn; ``tails`` are the degrees of freedom of Student's noise
+    of the execution, 0 for normal noise; and some parameters may be given instead of drawn.
     """
     random = np.random.default_rng([seed, SETTINGS.index((integrator, kind, truth))])
     rate = tuple(LENGTHS)[seed % len(LENGTHS)] if rate is None else rate
@@ -161,15 +155,9 @@ def main(
     kept: Path = Path("out/calibration_intervals.jsonl"),
     json: Path = Path("benchmarks/calibration_intervals.json"),
 ) -> None:
-    """Judge all settings, print and write.
+    """Judge some drives for each setting, or for those that contain a text, such as euler-pose-exact, and write.
 
-    Args:
-        drives: Number of drives for each of the eight settings.
-        seed: Seed of the first drive.
-        processes: Number of processes.
-        only: Only settings that contain this text, such as euler-pose-exact.
-        kept: File for finished drives; an interrupted run resumes.
-        json: File for the results.
+    Finished drives are kept in a file, with which an interrupted run resumes.
     """
     options = {**locals()}
     chosen = ["-".join(setting) for setting in SETTINGS if only in "-".join(setting)]

@@ -27,7 +27,7 @@ from typing import Any
 import tyro
 
 from faults_buttons import BUTTONS, FLOODS
-from faults_chain import CHAIN, WITHOUT_BUTTON
+from faults_chain import CHAIN
 from faults_lies import LIARS
 from faults_odometry import MEASUREMENTS
 from faults_processes import ENDS, MOTIONS, PROCESSES
@@ -85,11 +85,7 @@ def inject(kind: str, number: int, seed: int) -> dict[str, Any]:
 
 
 def kinds_of(only: tuple[str, ...]) -> list[str]:
-    """Return the kinds of these names, else whose names begin so or which are in a group of that name; all without any.
-
-    Raises:
-        ValueError: If there is none of a name.
-    """
+    """Return the kinds of these names, else whose names begin so or which are in a group of that name; all without any."""
     found = set[str]()
     for word in only:
         named = {word} & set(FAULTS) or {name for name in FAULTS if name.startswith(word)} | set(GROUPS.get(word, ()))
@@ -119,16 +115,10 @@ def main(
     kept: Path | None = None,
     json: Path = Path("benchmarks/faults.json"),
 ) -> None:
-    """Inject, print unsafe ones and write; the exit status is 1 unless all were injected and safe.
+    """Inject faults in rounds of one of each kind, print unsafe ones and write; the exit status is 1 unless all were safe.
 
-    Args:
-        faults: Number of faults, in rounds of one of each kind.
-        only: Kinds to inject, by the beginnings of their names, or names of groups; none for all.
-        workers: Number of robots at a time.
-        beside: Number of busy processes beside the second half of the faults.
-        seed: Seed of the variations: durations, speeds, delays.
-        kept: File of the finished faults, with which an interrupted run goes on; none to keep nothing.
-        json: File for the results.
+    ``only`` names kinds, by their beginnings, or groups; ``workers`` robots drive at a time, beside busy processes in the
+    second half. Finished faults are kept in a file, with which an interrupted run goes on.
     """
     options, kinds, rows = {**locals()}, kinds_of(only), list[dict[str, Any]]()
     count = math.ceil(faults / len(kinds))
@@ -148,8 +138,7 @@ def main(
     except (KeyboardInterrupt, RuntimeError) as error:
         print(f"ended early: {error!r}", file=sys.stderr)
     total = {"injected": len(rows), "unsafe": sum(bool(row["unsafe"]) for row in rows)}
-    settings = {**CHAIN, "cmd_vel_guard": {**CHAIN["cmd_vel_guard"], **WITHOUT_BUTTON}}
-    publish(json, {"total": total, "settings": settings, "faults": counts_of(rows)}, options)
+    publish(json, {"total": total, "settings": CHAIN, "faults": counts_of(rows)}, options)
     print(total)
     raise SystemExit(total["unsafe"] > 0 or total["injected"] < faults)
 

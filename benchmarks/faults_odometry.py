@@ -79,23 +79,19 @@ def odometry_impossible(robot: Robot, rng: random.Random) -> list[str]:
     return robot.must_stand(time.time() + STANDS)
 
 
-def clocks(kind: str) -> Fault:
+def clocks(robot: Robot, rng: random.Random, kind: str) -> list[str]:
     """The robot's clock "is off", "is set", "drifts", or its stamps "roll over", and the odometry dies at last."""
-
-    def fault(robot: Robot, rng: random.Random) -> list[str]:
-        size, began = rng.choice([-2.0, -1.0, -0.775, -0.3, 0.3, 0.775, 1.0, 2.0]), time.time()
-        if kind == "roll over":  # to a counter's zero or into the past
-            size = -rng.choice([began, 2.0**32 * 1e-9, 2.0**31 * 1e-3])
-        robot.clock = (lambda now: now + 0.05 * size * (now - began)) if kind == "drifts" else (lambda now: now + size)
-        if kind == "is off":
-            robot.ros.ask("kalman_filter/reset", 1.0)
-            robot.ros.ask("velocity_controller/enable", 1.0, data=True)
-        time.sleep(rng.uniform(1.0, 2.0))
-        robot.odometry = nothing
-        time.sleep(1.2)
-        return []
-
-    return fault
+    size, began = rng.choice([-2.0, -1.0, -0.775, -0.3, 0.3, 0.775, 1.0, 2.0]), time.time()
+    if kind == "roll over":  # to a counter's zero or into the past
+        size = -rng.choice([began, 2.0**32 * 1e-9, 2.0**31 * 1e-3])
+    robot.clock = (lambda now: now + 0.05 * size * (now - began)) if kind == "drifts" else (lambda now: now + size)
+    if kind == "is off":
+        robot.ros.ask("kalman_filter/reset", 1.0)
+        robot.ros.ask("velocity_controller/enable", 1.0, data=True)
+    time.sleep(rng.uniform(1.0, 2.0))
+    robot.odometry = nothing
+    time.sleep(1.2)
+    return []
 
 
 def wrong_fix(robot: Robot, rng: random.Random) -> list[str]:
@@ -187,10 +183,10 @@ MEASUREMENTS: dict[str, Fault] = {
     "odometry repeated": odometry_repeats,
     "odometry impossible": odometry_impossible,
     "two odometries": two_odometries,
-    "clock offset": clocks("is off"),
-    "clock set": clocks("is set"),
-    "clock drifts": clocks("drifts"),
-    "stamps rolled over": clocks("roll over"),
+    "clock offset": partial(clocks, kind="is off"),
+    "clock set": partial(clocks, kind="is set"),
+    "clock drifts": partial(clocks, kind="drifts"),
+    "stamps rolled over": partial(clocks, kind="roll over"),
     "wrong fix": wrong_fix,
     "hostile variances": hostile_variances,
     "a stranger's estimate": partial(stranger, filter_ends=False),

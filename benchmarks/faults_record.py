@@ -37,10 +37,6 @@ class Heard(NamedTuple):
     v: float
     omega: float
 
-    @property
-    def moves(self) -> bool:
-        return (self.v, self.omega) != (0.0, 0.0)
-
 
 class Held(NamedTuple):
     """A command in force, from its arrival to that of the next one, s."""
@@ -87,7 +83,7 @@ class Record:
 
     def in_force(self, since: float, until: float) -> list[Held]:
         """Return the motions in force between two times, each cut at them."""
-        return [held for held in self.held(since, until) if (held.v, held.omega) != (0.0, 0.0)]
+        return [held for held in self.held(since, until) if held.v or held.omega]
 
     def lasts(self, since: float, until: float) -> float:
         """Return for how long motions were in force between two times, s."""
@@ -100,7 +96,7 @@ class Record:
 
     def lag(self, since: float) -> float:
         """Return the longest time between the newest measurement that had been sent and the publishing of a motion, s."""
-        published = [command.sent for command in list(self.heard) if command.sent > since and command.moves]
+        published = [command.sent for command in list(self.heard) if command.sent > since and (command.v or command.omega)]
         return max(map(self.age, published), default=0.0)
 
     def overdue(self, since: float, until: float) -> float:

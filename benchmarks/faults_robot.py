@@ -38,11 +38,10 @@ class Robot:
 
     def __init__(self, domain: int, *, buttons: bool) -> None:
         self.record, self.ros = Record(), Ros(domain, radio=buttons)
-        self.ros.hear("cmd_vel", "TwistStamped", self._hear)
+        self.ros.hear("cmd_vel", "TwistStamped", self._hear, reliable=True)  # as a robot
         self.lock, self._over = threading.RLock(), threading.Event()
         self._has_buttons = buttons
         self.reset_world()
-        self.ros.start()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
         self.chain = Chain(domain, buttons=buttons)
@@ -132,11 +131,7 @@ class Robot:
         return self.ros.ask("cmd_vel_guard/enable", data=on)
 
     def drive(self) -> None:
-        """Make the robot drive from its start, from any state of its chain, which is started again at last.
-
-        Raises:
-            RuntimeError: If it does not drive then either.
-        """
+        """Make the robot drive from its start, from any state of its chain, which is started again at last."""
         for _ in range(2):
             self.chain.repair()
             until = time.monotonic() + 300.0  # on a busy machine five chains take minutes to start
@@ -145,7 +140,7 @@ class Robot:
                 if self.begin():
                     return
             self.chain.kill()
-        raise RuntimeError(f"the robot does not drive: {[(each.name, each.text) for each in self.ros.reports[-10:]]}")
+        raise RuntimeError(f"the robot does not drive: {self.ros.reports[-10:]}")
 
     def begin(self) -> bool:
         """Let a person reset and enable everything, and return whether the robot drives within 2 s."""
@@ -169,11 +164,7 @@ class Robot:
         self.until(self.begin, 90.0)
 
     def until(self, condition: Callable[[], bool], patience: float, pause: float = 0.0) -> None:
-        """Wait until a condition holds.
-
-        Raises:
-            Unseen: If it does not within a time, s.
-        """
+        """Wait until a condition holds; a fault is `Unseen` in which it does not within a time, s."""
         until = time.monotonic() + patience
         while not condition():
             if time.monotonic() > until:

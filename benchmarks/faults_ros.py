@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import rclpy.node
 from diagnostic_msgs.msg import DiagnosticArray
@@ -33,16 +33,6 @@ WARN = 1
 """Level of a report from which it is a complaint."""
 
 
-class Report(NamedTuple):
-    """What a node reports in ``/diagnostics``."""
-
-    at: float
-    """When it was heard, s."""
-    name: str
-    level: int
-    text: str
-
-
 class Ros:
     """A node in a thread of its own; with a radio, the publisher of the second button is behind one that can be cut."""
 
@@ -50,8 +40,8 @@ class Ros:
         self._context = Context()
         self._context.init([], domain_id=domain)
         self.node: Any = rclpy.node.Node("faults", context=self._context)
-        self.reports: list[Report] = []
-        """What was heard on ``/diagnostics``, oldest first."""
+        self.reports: list[tuple[float, int, str]] = []
+        """What was heard on ``/diagnostics``, oldest first: when, s, its level, and the node with its text."""
         self.radio = Radio(domain) if radio else None
         self._speakers: dict[tuple[str, int], Any] = {}
         self._clients: dict[str, Any] = {}
@@ -60,9 +50,6 @@ class Ros:
         self._executor.add_node(self.node)
         self._over, self._patience, self._idle = threading.Event(), PATIENCE, 0.0
         self._thread = threading.Thread(target=self._spin, daemon=True)
-
-    def start(self) -> None:
-        """Begin to hear."""
         self._thread.start()
 
     def _spin(self) -> None:
@@ -73,9 +60,9 @@ class Ros:
             if time.monotonic() - begun >= patience:
                 self._idle = begun
 
-    def hear(self, topic: str, kind: str, take: Callable[..., None]) -> Any:
-        """Subscribe to every message of a topic, as a robot does; ``take`` may want a message's info too."""
-        every = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
+    def hear(self, topic: str, kind: str, take: Callable[..., None], *, reliable: bool = False) -> Any:
+        """Subscribe to every message of a topic; ``take`` may want a message's info too."""
+        every = QoSProfile(depth=5000, reliability=getattr(ReliabilityPolicy, "RELIABLE" if reliable else "BEST_EFFORT"))
         return self.node.create_subscription(KINDS[kind], topic, take, every)
 
     def catch_up(self, patience: float = 5.0) -> bool:
@@ -125,13 +112,13 @@ class Ros:
 
     def complaints(self, since: float) -> list[str]:
         """Return what nodes have complained about since a time, each once."""
-        return [*dict.fromkeys(f"{each.name}: {each.text}" for each in self.reports if each.at > since and each.level >= WARN)]
+        return [*dict.fromkeys(text for at, level, text in self.reports if at > since and level >= WARN)]
 
     def _read_reports(self, message: Any) -> None:
         del self.reports[:-1000]
         for status in message.status:
             level = int.from_bytes(status.level, "little") if isinstance(status.level, bytes) else status.level
-            self.reports.append(Report(time.time(), status.name, level, status.message))
+            self.reports.append((time.time(), level, f"{status.name}: {status.message}"))
 
     def close(self) -> None:
         """End the node."""

@@ -1,4 +1,4 @@
-"""Steps per second of open ground on a GPU, and whether each step has the bits of the engine: two minutes of a GPU.
+"""Steps per second of open ground on a GPU; that each step has the bits of the engine is shown by `tests/core/test_device.py`.
 
 ``--device torch-cpu --sizes 8 10 --seconds 0.2`` tries the script on this processor. Times are those of the wall, from a device
 that has nothing to do to one that has done all.
@@ -8,44 +8,18 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 import tyro
 
 from harness.machine import machine
 from harness.study import publish
 from turtlebot_gym.envs.navigation_device import NavigationDeviceEnv
-from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 
-SYSTEMS: Mapping[str, Mapping[str, Any]] = {
-    "default": {},
-    "rough, gated": {"noise": "rough", "filter": "gated"},
-    "wheel, late fixes": {"noise": "wheel", "fix": "late"},
-}
-"""Systems that are compared with the engine; the first one is measured."""
 ROUNDS = 5
 """Measurements of a size, whose median counts."""
-
-
-def equality(device: str, options: Mapping[str, Any], rows: int) -> dict[str, int]:
-    """Return how many environment steps have the bits of the engine, of how many."""
-    given = {"max_episode_steps": 40, "autoreset_mode": "SameStep"} | dict(options)
-    engine, other = NavigationVectorEnv(rows, **given), NavigationDeviceEnv(rows, device=device, **given)
-    rng, equal, steps = np.random.default_rng(0), 0, 50
-    engine.reset(seed=0)
-    other.reset(seed=0)
-    for _ in range(steps):
-        actions = rng.uniform(-1.2, 1.2, (rows, 2)).astype(np.float32)
-        ours, theirs = engine.step(actions), other.step(torch.as_tensor(actions, device=other.device))
-        same = (ours[0].view(np.int32) == theirs[0].cpu().numpy().view(np.int32)).all(axis=1)
-        for one, two in zip(ours[1:4], theirs[1:4], strict=True):
-            same &= one == two.cpu().numpy()
-        equal += int(np.count_nonzero(same))
-    return {"equal": equal, "steps": rows * steps}
 
 
 def rate_of(env: NavigationDeviceEnv, seconds: float) -> dict[str, Any]:
@@ -74,28 +48,17 @@ def main(
     device: str = "cuda",
     sizes: tuple[int, ...] = tuple(range(12, 23, 2)),
     seconds: float = 10.0,
-    rows: int = 4096,
     json: Path = Path("benchmarks/gpu.json"),
 ) -> None:
-    """Compare, measure, print and write.
-
-    Args:
-        device: cuda, cuda:1 and so on, or torch-cpu.
-        sizes: Powers of two of environments.
-        seconds: Time of a size, s.
-        rows: Environments of a comparison.
-        json: File for the results.
-    """
+    """Measure a device for some seconds with each size, a power of two of environments, and write."""
     options = {**locals()}
     results: dict[str, Any] = {"machine": machine(), "device": "this processor" if device == "torch-cpu" else ""}
-    results["equality"] = {name: equality(device, given, rows) for name, given in SYSTEMS.items()}
     results["rates"] = []
     for size in sizes:
         env = NavigationDeviceEnv(2**size, device=device, max_episode_steps=300, autoreset_mode="SameStep")
         results["device"] = results["device"] or torch.cuda.get_device_name(env.device)
         results["rates"].append(rate_of(env, seconds))
         env.close()
-    print(results["device"], results["equality"])
     publish(json, results, options)
 
 

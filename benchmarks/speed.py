@@ -1,20 +1,24 @@
 """Measure the speed of environments beside Gymnasium's CartPole: ratios within one run, by wall time and CPU seconds.
 
-Actions are sampled beforehand, infos are the default ones, and all returned arrays are new.
+All take turns, forwards and backwards, so that other programs disturb those of a round alike; rates and ratios are medians over
+the rounds. Actions are sampled beforehand, infos are the default ones, and all returned arrays are new.
 """
 
 from __future__ import annotations
 
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import tyro
 
 from harness.machine import busy, machine
 from harness.study import publish
-from harness.turns import Contender, rates, timed
 from turtlebot_gym.compiled.threads import limited
 from turtlebot_gym_agents.training.randomization import randomized
 
@@ -35,6 +39,30 @@ KEY = ("CartPole-v1", "TurtleBotNav-v0", "TurtleBotNav-v0, one thread")
 """Ends of the names that are measured beside busy processes, too."""
 
 
+class Contender(NamedTuple):
+    """One row of the table."""
+
+    run: Callable[[int], tuple[float, float]]
+    """Makes a number of calls; returns the wall time and the CPU seconds of all threads."""
+    size: int
+    """Number of environments stepped together."""
+    base: str
+    """Name of the contender with which it is compared; its own name if it is a base."""
+
+
+def contender(step: Callable[[int], Any], size: int, limit: Callable[[], Any] = nullcontext) -> Contender:
+    """Return a contender that steps some environments at a time within a context of ``limit``."""
+
+    def run(calls: int) -> tuple[float, float]:
+        with limit():
+            wall, cpu = time.perf_counter(), time.process_time()
+            for k in range(calls):
+                step(k)
+            return time.perf_counter() - wall, max(time.process_time() - cpu, 1e-9)
+
+    return Contender(run, size, f"{'scalar' if size == 1 else f'vector of {size}'}, {CARTPOLE}")
+
+
 def scalar(env_id: str, **options: Any) -> Contender:
     """Return a scalar environment made by ``gym.make``."""
     env = gym.make(env_id, **options)
@@ -47,7 +75,7 @@ def scalar(env_id: str, **options: Any) -> Contender:
         if terminated or truncated:
             env.reset()
 
-    return Contender(timed(step), 1, f"scalar, {CARTPOLE}")
+    return contender(step, 1)
 
 
 def vector(env_id: str, size: int, *, one_thread: bool = False, drawn: bool = False, **options: Any) -> Contender:
@@ -59,8 +87,33 @@ def vector(env_id: str, size: int, *, one_thread: bool = False, drawn: bool = Fa
     envs.reset(seed=0)
     envs.action_space.seed(0)
     actions = [envs.action_space.sample() for _ in range(16)]
-    limit = [partial(limited, 1)] if one_thread else []
-    return Contender(timed(lambda k: envs.step(actions[k % 16]), *limit), size, f"vector of {size}, {CARTPOLE}")
+    return contender(lambda k: envs.step(actions[k % 16]), size, partial(limited, 1) if one_thread else nullcontext)
+
+
+def rates(contenders: Mapping[str, Contender], rounds: int, seconds: float) -> dict[str, dict[str, float]]:
+    """Return each contender's steps per second, and their ratios to those of its base, after turns of some seconds each."""
+    calls, turns = {}, {name: list[tuple[float, float]]() for name in contenders}
+    for name, (run, *_) in contenders.items():
+        run(1)  # it compiles
+        calls[name] = 1
+        while (wall := run(calls[name])[0]) < seconds / 4.0:
+            calls[name] *= 2
+        calls[name] = max(1, round(calls[name] * seconds / wall))
+    for number in range(rounds):
+        for name in [*contenders][:: 1 if number % 2 == 0 else -1]:
+            each = calls[name] * contenders[name].size
+            wall, cpu = contenders[name].run(calls[name])
+            turns[name].append((wall / each, cpu / each))
+    rows = {}
+    for name, (*_, base) in contenders.items():
+        pairs = list(zip(turns[name], turns[base], strict=True))
+        rows[name] = {
+            "steps_per_second": statistics.median(1.0 / wall for wall, _ in turns[name]),
+            "ratio": statistics.median(theirs[0] / mine[0] for mine, theirs in pairs),
+            "steps_per_cpu_second": statistics.median(1.0 / cpu for _, cpu in turns[name]),
+            "cpu_ratio": statistics.median(theirs[1] / mine[1] for mine, theirs in pairs),
+        }
+    return rows
 
 
 def main(
@@ -71,15 +124,7 @@ def main(
     beside: int = 4,
     json: Path = Path("benchmarks/speed.json"),
 ) -> None:
-    """Measure, print and write.
-
-    Args:
-        num_envs: Sizes of the vector environments.
-        rounds: Number of turns of each contender.
-        seconds: Length of a turn, s of CPU.
-        beside: Number of busy processes beside which the most important rows are measured again; 0 for none.
-        json: File for the results.
-    """
+    """Measure sizes of vector environments, in turns of some seconds; the key rows again beside some busy processes."""
     options = {**locals()}
     contenders = {
         f"scalar, {CARTPOLE}": scalar(CARTPOLE),

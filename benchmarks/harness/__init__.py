@@ -1,1 +1,1 @@
-"""What the benchmarks share: studies with their results, contenders that take turns, and the machine."""
+"""What the benchmarks share: studies with their results, tables, and the machine."""

@@ -13,9 +13,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[2]
-PACKAGES = (".", "agents", "bridges/turtlebot_gym_ros", "bridges/cmd_vel_guard", "benchmarks")
-"""Folders from which this repository's packages are imported."""
 DOMAINS = range(120, 180)
 """ROS domains of benchmarks, above those of users and of the tests."""
 PORT = 27000
@@ -36,12 +33,6 @@ def machine() -> dict[str, Any]:
         **{name: version(name) for name in ("llvmlite", "numpy", "gymnasium")},
         "load_before": os.getloadavg()[0],
     }
-
-
-def on_one_thread() -> dict[str, str]:
-    """Return the environment variables with which Python imports this checkout's packages, on one thread."""
-    paths = os.pathsep.join(str(ROOT / package) for package in PACKAGES)
-    return {**os.environ, "PYTHONPATH": paths, "TURTLEBOT_GYM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
 @contextmanager

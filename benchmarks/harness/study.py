@@ -25,12 +25,9 @@ def each(units: Iterable[Unit], label: str, number: int | None = None) -> Iterab
 
 
 def publish(path: Path, results: Mapping[str, Any], options: Mapping[str, Any]) -> None:
-    """Print the tables that pages show of results, and write these with their provenance.
+    """Print the tables that pages show of a file's results, and write it, with options and provenance.
 
-    Args:
-        path: File, whose name says which tables; numbers keep six digits there, and an interval is one line.
-        results: What pages and tests read, by name.
-        options: The study's arguments; files among them do not count.
+    Numbers keep six digits, an interval is one line, and files among the options do not count.
     """
     given = {name: value for name, value in options.items() if not isinstance(value, Path)}
     whole = rounded(plain({"config": given, **provenance(), **results}))
@@ -52,14 +49,10 @@ def rounded(value: Any) -> Any:
 def finished(
     judge: Callable[..., Mapping[str, Any]], units: Sequence[tuple[Any, ...]], kept: Path | None, names: str, pool: Executor
 ) -> Iterator[dict[str, Any]]:
-    """Yield the result of each unit of work, those of an earlier run first.
+    """Yield the result of each unit of work, those that an earlier run has kept in a file first.
 
-    Args:
-        judge: Called in a process of the pool with the parts of a unit; its result holds them by their names.
-        units: Wanted units.
-        kept: File of the finished units, one on a line; None to keep none.
-        names: Names of the parts.
-        pool: Its processes, which end with the iteration.
+    The judge is called with the parts of a unit, in a process of the pool, which ends with the iteration; its result holds the
+    parts by their names.
     """
     rows = [json.loads(line) for line in kept.read_text(encoding="utf-8").splitlines()] if kept and kept.is_file() else []
     there = {tuple(row[name] for name in names.split()): row for row in rows}

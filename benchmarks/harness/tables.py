@@ -14,12 +14,7 @@ PAGES = Path(__file__).parents[2] / "docs" / "generate" / "tables.yaml"
 
 
 def tables_of(name: str, results: Mapping[str, Any]) -> dict[str, str]:
-    """Return the tables that pages show of a file of results, by their names.
-
-    Args:
-        name: The file's, without ``.json``.
-        results: As they stand in it.
-    """
+    """Return the tables that pages show of the results in NAME.json, by their names."""
     made = {}
     for title, wanted in yaml.safe_load(PAGES.read_text(encoding="utf-8")).items():
         file, *steps = wanted["rows"].split("/")
@@ -45,10 +40,8 @@ def _rows_at(found: Any, steps: Sequence[str]) -> Iterator[dict[str, Any]]:
 def table(rows: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> str:
     """Return a Markdown table of results as they stand in a JSON file.
 
-    Args:
-        rows: Results by name.
-        columns: Format of the cells by title, such as ``"{success:.1%}"`` or ``"{baselines[0][time]:.2f} s"``. An object with
-            value, low and high is an `Interval`. A cell that names what a row lacks stays empty.
+    Columns are formats of cells by title, such as ``"{success:.1%}"`` or ``"{baselines[0][time]:.2f} s"``. An object with
+    value, low and high is an `Interval`. A cell that names what a row lacks stays empty.
     """
     lines = [[*columns], ["---"] * len(columns)]
     for row in rows:
