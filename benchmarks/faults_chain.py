@@ -111,6 +111,7 @@ class Chain:
 
     def kill(self, name: str = "") -> None:
         """Kill a node, by default the whole chain, and wait for its end."""
+        self._ended.add(name)
         while self.pids(name):
             self.signal(name, signal.SIGKILL)
             time.sleep(0.01)

@@ -1,7 +1,7 @@
 """A drive as tables for a browser: numbers in single precision, ranges in millimetres, one table for each kind of row.
 
 Bokeh sends each column as one compressed array. What only some rows have, or several times (scans, people, tracks, hypotheses,
-events, reports), has a table of its own, whose column ``row`` says to which row of the drive it belongs.
+reports), has a table of its own, whose column ``row`` says to which row of the drive it belongs.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.drive import Drive, Seen, heading_error, position_error
 from turtlebot_gym.plotting import SIGMAS
-from turtlebot_gym_view.events import all_events_of
 
 MILLIMETRES = 1000.0
 NOTHING = 0
@@ -23,8 +22,7 @@ RESOLUTION = 2.0**-13
 MOST_BEAMS = 1_200_000
 """Most beams of a drive; of a longer one every n-th scan is sent."""
 STEP = 0.005
-"""A circle that has moved so far since it last turned is a person who walks, m."""
-
+"""A circle that has moved so far is a person, m."""
 MOST_RUNS = 6
 """Most drives in a view: the number of colours that can be told apart."""
 Table = dict[str, Any]
@@ -38,7 +36,6 @@ def kept_of(drive: Drive) -> int:
 def tables_of(drive: Drive) -> dict[str, Table]:
     """Return the tables of a drive, whose time begins at 0."""
     scans, beams = _scans_of(drive.scans[:: kept_of(drive)])
-    events, time = all_events_of(drive), drive.time - drive.time[0]
     said = [k for k, text in enumerate(drive.report) if text != (drive.report[k - 1] if k else "")]
     return {
         "scans": scans,
@@ -47,20 +44,15 @@ def tables_of(drive: Drive) -> dict[str, Table]:
         "tracks": _tracks_of(drive),
         "places": _places_of(drive),
         "reports": {"row": _whole(said), "text": [drive.report[k] for k in said]},
-        "events": {"time": _numbers([time[row] for row, _ in events]), "kind": [kind for _, kind in events]},
         "rows": rows_of(drive, start=float(drive.time[0])),
     }
 
 
 def rows_of(drive: Drive, *, start: float = 0.0) -> Table:
-    """Return the columns of a drive's rows, all of length T; angles in rad, lengths in m.
+    """Return the columns of a drive's rows, all of length T; angles in rad, lengths in m, time from a start on.
 
     ``x, y, theta, v, omega`` are the truth; names with the prefix ``e`` are the estimate, ``o`` the odometry and ``g`` the
     goal; ``width, height, tilt`` are the axes of the estimate's ellipse.
-
-    Args:
-        drive: The drive.
-        start: Time that is shown as 0, s.
     """
     truth, estimate = drive.true_state, drive.estimate
     width, height, tilt = _axes(drive.covariance)
@@ -86,23 +78,14 @@ def rows_of(drive: Drive, *, start: float = 0.0) -> Table:
 
 
 def _people_of(drive: Drive) -> Table:
-    """Return the circles: row, x, y, radius and the direction in which they walk, NaN for one that has not moved yet."""
-    at, heading = np.empty((0, 2)), np.empty(0)
-    headings = []
-    for circles in drive.circles:
-        if len(circles) != len(at):
-            at, heading = circles[:, :2].copy(), np.full(len(circles), np.nan)
-        step = circles[:, :2] - at
-        moved = np.hypot(step[:, 0], step[:, 1]) > STEP
-        heading = np.where(moved, np.arctan2(step[:, 1], step[:, 0]), heading)
-        at[moved] = circles[moved, :2]
-        headings.append(heading)
-    if len(headings) > 1 and len(headings[0]) == len(headings[1]):
-        headings[0] = headings[1]  # in the first row nobody has moved yet
+    """Return the circles: row, x, y, radius, and whether it moves during the drive: then it is a person."""
+    counts = [len(circles) for circles in drive.circles]
     table = np.concatenate([np.empty((0, 3)), *drive.circles])
-    row = np.repeat(np.arange(len(drive)), [len(circles) for circles in drive.circles])
-    heading = np.concatenate([np.empty(0), *headings])
-    return {"row": _whole(row), **_split(("x", "y", "radius"), table), "heading": _numbers(heading)}
+    moves = np.zeros(len(table))
+    if counts and min(counts) == max(counts):
+        moves = np.tile(np.hypot(*np.ptp(np.array(drive.circles)[:, :, :2], axis=0).T) > STEP, len(counts))
+    row = np.repeat(np.arange(len(drive)), counts)
+    return {"row": _whole(row), **_split(("x", "y", "radius"), table), "moves": _numbers(moves)}
 
 
 def _scans_of(scans: tuple[Seen, ...]) -> tuple[Table, Table]:
@@ -169,13 +152,7 @@ def _millimetres(ranges: NDArray[np.float32]) -> NDArray[np.uint16]:
     return np.where(rounded < 2**16, rounded, NOTHING).astype(np.uint16)
 
 
-def require_number(number: int, *, side_by_side: bool = False) -> None:
-    """Refuse a number of drives that one view cannot show.
-
-    Raises:
-        ValueError: If there is none, there are more than `MOST_RUNS`, or one is to stand beside others.
-    """
+def require_number(number: int) -> None:
+    """Refuse a number of drives that one view cannot show."""
     if not 0 < number <= MOST_RUNS:
         raise ValueError(f"a view shows 1 to {MOST_RUNS} drives, got {number}.")
-    if side_by_side and number == 1:
-        raise ValueError("--side-by-side needs two drives or more: add a policy or a recording, or leave it out.")

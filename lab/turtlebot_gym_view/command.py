@@ -38,7 +38,6 @@ def watch(
     columns: tuple[str, ...] = (),
     topics: Topics = TOPICS,
     mount: tuple[float, float, float] | None = None,
-    side_by_side: bool = False,
     html: Path | None = None,
     force: bool = False,
     options: Annotated[EnvironmentOptions, tyro.conf.OmitArgPrefixes] = NONE,
@@ -59,23 +58,20 @@ def watch(
         topics: Topics of a bag.
         mount: Pose of the LiDAR on the robot: x, y, heading; m, m, rad. Default: as the transforms of the bag state it, else as
             assumed, which is said.
-        side_by_side: Give each drive a map of its own; else drives in the same room are drawn over each other.
         html: Write the view to this file, which opens without a network; by default a browser shows a temporary one.
         force: Overwrite a file that exists.
         options: Options of the environment.
     """
-    from turtlebot_gym_view.episode import read_recorded
-
     require_outputs([("--html", html, HTML)], inputs=[*policy, *drive, *options.values()], force=force)
     if drive:
-        require_number(len(drive), side_by_side=side_by_side)
+        require_number(len(drive))
         if unread := set(options) - {"lidar"}:
             raise ValueError(f"{', '.join(sorted(unread))} would change nothing in recorded drives: leave out it, or --drive.")
         given = {**reading(truth, columns, topics), "mount": mount, "lidar": options.get("lidar", "lds01")}
         title = f"Recorded: {', '.join(path.name for path in drive)}"
-        page = page_of([read_recorded(path, **given) for path in drive], title=title, side_by_side=side_by_side)
+        page = page_of([read_recorded(path, **given) for path in drive], title=title)
     else:
-        page = episodes(policy, env=env, seed=seed, allow_mismatch=allow_mismatch, side_by_side=side_by_side, **options)
+        page = episodes(policy, env=env, seed=seed, allow_mismatch=allow_mismatch, **options)
     path = html or Path(tempfile.mkdtemp(prefix="watch-")) / "drives.html"
     size = page.save(path)
     if html is None:
@@ -83,48 +79,31 @@ def watch(
     return f"{path}: {size:,} bytes; open it in a browser."
 
 
-def page_of(drives: Sequence[Drive], *, title: str, side_by_side: bool = False) -> Page:
+def page_of(drives: Sequence[Drive], *, title: str) -> Page:
     """Return the page of drives, which a notebook shows."""
     with needs("view"):
         from turtlebot_gym_view.page import Page
-    return Page(drives=drives, title=title, side_by_side=side_by_side)
+    return Page(drives=drives, title=title)
 
 
-def episodes(
-    policies: Sequence[Any],
-    *,
-    env: str | None,
-    seed: int,
-    allow_mismatch: bool = False,
-    side_by_side: bool = False,
-    **options: Any,
-) -> Page:
+def episodes(policies: Sequence[Any], *, env: str | None, seed: int, allow_mismatch: bool = False, **options: Any) -> Page:
     """Drive an episode with each policy, and return their page.
 
     Raises:
-        ValueError: If an argument is unknown or out of its range, or a policy cannot drive; nothing is driven then.
+        ValueError: If an argument is unknown or out of its range, or a policy cannot drive.
     """
     from turtlebot_gym_agents.evaluation.recording import record_episode
 
-    require_number(len(policies), side_by_side=side_by_side)
+    require_number(len(policies))
     given = {"env": environment_id(env, options), "seed": seed, **options}
-    require_drivers(policies, allow_mismatch=allow_mismatch, **given)
     drives = [record_episode(policy, allow_mismatch=allow_mismatch, **given) for policy in policies]
-    return page_of(drives, title=title_of(given), side_by_side=side_by_side)
+    return page_of(drives, title=title_of(given))
 
 
-def require_drivers(policies: Sequence[Any], *, env: str, seed: int, allow_mismatch: bool = False, **options: Any) -> None:
-    """Refuse policies of which one cannot drive an environment: each drives a step.
+def read_recorded(path: Path, *, noise: str = "documented", **options: Any) -> Drive:
+    """Read a recorded drive, as `turtlebot_gym_lab.drives.read`; if it has only wheels and truth, the filter is run over it."""
+    from turtlebot_gym_lab.drives import read
+    from turtlebot_gym_lab.evaluation.replay import replay, replayable
 
-    Raises:
-        ValueError: If an argument is unknown or out of its range, or a policy does not match the environment.
-    """
-    from turtlebot_gym_agents.evaluation.driving import driven
-    from turtlebot_gym_agents.evaluation.evaluate import driving, require_known
-
-    require_known(env, seed)
-    for policy in policies if len(policies) > 1 else ():  # the only one is refused as early by its drive
-        with driving(policy, env, 1, allow_mismatch=allow_mismatch, **options) as (envs, driver):
-            steps = driven(envs, driver, seed=seed, episodes=1)
-            next(steps)
-            next(steps)
+    drive = read(path, **options)
+    return replay(replayable(drive), noise=noise) if drive.has_truth and not drive.has_odometry else drive

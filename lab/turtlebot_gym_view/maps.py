@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,19 +32,10 @@ class Map(NamedTuple):
     """The picture of a localizer's own map, if there is one."""
 
 
-def make_map(drives: Sequence[Drive], theme: Theme, *, name: str, beside: Figure | None) -> Map:
-    """Return a map of drives in the same room, without the drives.
-
-    Args:
-        drives: The drives.
-        theme: Registry of the colours.
-        name: Name of the figure.
-        beside: Another map of the same room, panned and zoomed together with this one.
-    """
+def make_map(drives: Sequence[Drive], theme: Theme, *, name: str) -> Map:
+    """Return a map of drives in the same room, without the drives."""
     low, high = _extent(drives)
-    ranges: dict[str, Any] = {
-        name: getattr(beside, name) if beside else DataRange1d(range_padding=0.0) for name in ("x_range", "y_range")
-    }
+    ranges: dict[str, Any] = {name: DataRange1d(range_padding=0.0) for name in ("x_range", "y_range")}
     figure = Figure(
         name=name,
         **ranges,
@@ -61,7 +52,7 @@ def make_map(drives: Sequence[Drive], theme: Theme, *, name: str, beside: Figure
     theme.dress(figure)
     area = figure.scatter([low[0], high[0]], [low[1], high[1]], alpha=0.0)
     for axis in ranges.values():
-        axis.renderers = [*(axis.renderers if beside else []), area]
+        axis.renderers = [area]
     chart = drives[0].around.chart
     charts = [_draw_cells(figure, chart, 2, style.CHART, theme)] if chart else []
     _draw_room(figure, drives[0], theme)
@@ -69,18 +60,10 @@ def make_map(drives: Sequence[Drive], theme: Theme, *, name: str, beside: Figure
     return Map(figure, float(np.clip(width / height, 0.7, 2.0)), charts)
 
 
-def in_same_room(drive: Drive, other: Drive) -> bool:
-    """Return whether two drives have the same walls, boxes and map."""
-    rooms, grids = (drive.around.room, other.around.room), (drive.around.grid, other.around.grid)
-    if (rooms[0] is None) != (rooms[1] is None) or (grids[0] is None) != (grids[1] is None):
-        return False
-    if rooms[0] and rooms[1] and (rooms[0].walls, rooms[0].boxes) != (rooms[1].walls, rooms[1].boxes):
-        return False
-    return not (grids[0] and grids[1]) or (
-        grids[0].cells.shape == grids[1].cells.shape
-        and bool((grids[0].cells == grids[1].cells).all())
-        and grids[0].origin == grids[1].origin
-    )
+def place_of(drive: Drive) -> Hashable:
+    """Return what drives in the same room have in common: walls, boxes and map."""
+    room, grid = drive.around.room, drive.around.grid
+    return room and (room.walls, room.boxes), grid and (grid.cells.tobytes(), grid.cells.shape, grid.origin)
 
 
 def _extent(drives: Sequence[Drive]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -1,5 +1,5 @@
 // What is shown of the drives at a time: tables for Bokeh's glyphs, numbers, and layers. Names come from view.py: runs, maps,
-// layers, plots, range, words, details, person; and from player.js.
+// layers, plots, range, words, details; and from player.js.
 const element = (name) => document.getElementById(name)
 const slider = element("time"), speed = element("speed"), choice = element("drive")
 const hidden = new Set()
@@ -39,15 +39,11 @@ function points_of({scans: {data}, beams: {data: {range: millimetres}}}, k) {
   return {x, y}
 }
 
-// The circles of a row: people where they have walked, else pillars.
+// The circles of a row: people if they move, else pillars.
 function people_of({people, still}, k) {
-  const found = of_row(people, k), number = found.row.length
-  const circles = number ? found : {x: still.map(([x]) => x), y: still.map(([, y]) => y), radius: still.map(([,, r]) => r)}
-  const heading = circles.heading ?? circles.x.map(() => NaN)
-  const size = (at, factor) => Number.isFinite(heading[at]) ? factor * circles.radius[at] : NaN
-  const sizes = Object.entries(person).map(([name, factor]) => [name, heading.map((_, at) => size(at, factor))])
-  const pillar = circles.radius.map((radius, at) => Number.isFinite(heading[at]) ? NaN : radius)
-  return {x: circles.x, y: circles.y, heading, pillar, ...Object.fromEntries(sizes)}
+  const found = of_row(people, k), circles = found.row.length ? found : {x: still.map(([x]) => x), y: still.map(([, y]) => y), radius: still.map(([,, r]) => r)}
+  const sizes = (moves) => circles.radius.map((radius, at) => (circles.moves?.[at] > 0) === moves ? radius : NaN)
+  return {x: circles.x, y: circles.y, pillar: sizes(false), person: sizes(true)}
 }
 
 // What many rows share is set once, since Bokeh then draws it anew.
@@ -76,13 +72,6 @@ function show_run(run) {
   renew(run, "points", count(run.scans.data.row, k), () => points_of(run, k))
   renew(run, "tracks", entries(tracks, k), () => of_row(tracks, k))
   renew(run, "places", entries(places, k), () => of_row(places, k))
-}
-
-const many = (number, thing) => `${number} ${thing}${number === 1 ? "" : "s"}`
-
-function tell_score(run, at) {
-  const {kind} = cut(run.events, ["kind"], 0, count(run.events.data.time, time + 1e-4)), of = (name) => kind.filter((each) => each === name).length
-  element(`score${at}`).textContent = `${many(of("arrival"), "goal")}, ${many(of("contact"), "contact")}, ${Math.min(time, last(run)).toFixed(1)} s`
 }
 
 function tell_numbers(shown, at) {

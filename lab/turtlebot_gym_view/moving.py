@@ -18,8 +18,6 @@ from turtlebot_gym_view.columns import Table
 from turtlebot_gym_view.style import Theme, ThemeColour
 
 PATH = ("time", "x", "y", "ex", "ey", "ox", "oy")
-PERSON = {"person": 1.0, "width": 2.0, "depth": 1.1, "head": 0.45, "nose": 1.3}
-"""A person's circle, width and depth of the shoulders, radius of the head and reach of the nose, in radii of the circle."""
 _AREAS = ("circle", "ellipse")
 
 
@@ -33,7 +31,7 @@ class Moment(NamedTuple):
     points: ColumnDataSource
     """Ends of the beams of the newest scan."""
     people: ColumnDataSource
-    """Circles: radius of a pillar, or `PERSON` of somebody who walks."""
+    """Circles: radius of a pillar, or of a person."""
     tracks: ColumnDataSource
     """The observed tracks."""
     places: ColumnDataSource
@@ -46,7 +44,7 @@ def make_moment(tables: dict[str, Table]) -> Moment:
     def empty(names: Sequence[str]) -> ColumnDataSource:
         return ColumnDataSource({name: np.empty(0, np.float32) for name in names})
 
-    people = ("x", "y", "heading", "pillar", *PERSON)
+    people = ("x", "y", "pillar", "person")
     now, tracks, places = (empty([*tables[name]]) for name in ("rows", "tracks", "places"))
     return Moment(now, empty(PATH), empty(("x", "y")), empty(people), tracks, places)
 
@@ -54,17 +52,7 @@ def make_moment(tables: dict[str, Table]) -> Moment:
 def draw_drive(
     figure: Figure, drive: Drive, rows: ColumnDataSource, moment: Moment, theme: Theme, ink: ThemeColour, dash: list[int]
 ) -> list[tuple[Any, str]]:
-    """Draw a drive, and return each renderer with the name of its layer.
-
-    Args:
-        figure: The map.
-        drive: The drive, for its radii.
-        rows: Its rows.
-        moment: What is drawn of it.
-        theme: Registry of the colours.
-        ink: Colour of its true path.
-        dash: Dashes of its true path.
-    """
+    """Draw a drive on a map, its true path with an ink and dashes, and return each renderer with the name of its layer."""
     drawn: list[tuple[Any, str]] = []
     robot, goal = drive.around.robot_radius, drive.around.goal_radius
 
@@ -81,11 +69,7 @@ def draw_drive(
     body: dict[str, Any] = {"x": "x", "y": "y"}
     whole = add("ghost", "line", rows, ink, **body, line_dash=dash, line_width=1.6, line_alpha=style.PALE)
     add("pillars", "circle", people, style.SOLID, filled=True, **body, radius="pillar", line_color=None)
-    add("people", "circle", people, style.PERSON, **body, radius="person", fill_alpha=0.12, line_alpha=0.4)
-    shoulders: dict[str, Any] = {"width": "depth", "height": "width", "angle": "heading"}
-    add("people", "ellipse", people, style.PERSON, filled=True, **body, **shoulders, line_color=None)
-    add("people", "ray", people, style.PERSON, **body, length="nose", angle="heading", line_width=2.5)
-    add("people", "circle", people, style.TEXT, filled=True, **body, radius="head", line_color=None)
+    add("people", "circle", people, style.PERSON, **body, radius="person", fill_alpha=0.5, line_alpha=0.8)
     add("waypoint", "circle", now, style.GOAL, x="gx", y="gy", radius=goal, fill_alpha=0.15, line_width=2)
     add("waypoint", "ray", now, style.GOAL, x="gx", y="gy", length=goal, angle="gtheta", line_width=2)
     add("hypotheses", "circle", places, style.ESTIMATE, **body, radius=robot, fill_alpha="alpha", line_width=1)

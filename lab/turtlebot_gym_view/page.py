@@ -27,22 +27,14 @@ class Page:
     """
 
     drives: Sequence[Drive] = field(repr=False)
-    """The drives, 1 to `view.MOST_RUNS`."""
+    """The drives, at most six; those in the same room are drawn over each other."""
     title: str = "Drives"
     """Title of the page."""
-    side_by_side: bool = False
-    """Whether each drive has a map of its own; else those in the same room are drawn over each other."""
-    height: int = HEIGHT
-    """Height within a notebook, pixels."""
 
     def html(self) -> str:
-        """Return the page.
-
-        Raises:
-            ValueError: If the drives cannot be shown, see `view.fill`.
-        """
+        """Return the page."""
         document = Document()
-        fill(document, self.drives, title=self.title, side_by_side=self.side_by_side)
+        fill(document, self.drives, title=self.title)
         variables = document.template_variables
         return file_html(document, INLINE, title=self.title, template=document.template, template_variables=variables)
 
@@ -54,5 +46,5 @@ class Page:
 
     def _repr_html_(self) -> str:
         """Return the page in a frame of its own, for a notebook."""
-        frame = f'width="100%" height="{self.height}" style="border: 0" title="{escape(self.title)}"'
+        frame = f'width="100%" height="{HEIGHT}" style="border: 0" title="{escape(self.title)}"'
         return f'<iframe {frame} srcdoc="{escape(self.html())}"></iframe>'

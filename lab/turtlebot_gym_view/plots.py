@@ -1,6 +1,6 @@
-"""Plots over time: commands, errors, NIS against its 95 % line, clearance, and the guard's state; and the line of all events.
+"""Plots over time: commands, errors, NIS against its 95 % line, clearance, and the guard's state.
 
-They share a range of times: a drag in a plot, the wheel or the box on the line of events selects an interval.
+They share a range of times: a drag in a plot or the wheel selects an interval.
 """
 
 from __future__ import annotations
@@ -8,21 +8,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 from bokeh.events import DoubleTap, Tap
 from bokeh.models import (
     BasicTicker,
     BoxZoomTool,
-    CDSView,
     ColumnDataSource,
     CustomJS,
     DataRange1d,
     FixedTicker,
     GlyphRenderer,
-    GroupFilter,
     HoverTool,
     Range1d,
-    RangeTool,
     Span,
     WheelZoomTool,
 )
@@ -39,17 +35,8 @@ HEIGHT = 112
 """Height of a plot, pixels."""
 MARGIN = 58
 """Space to the left of each frame, pixels, equal for all, so that times are aligned."""
-LINE, LANE = 26, 12
-"""Height of the line of events without its lanes, and of a lane, pixels."""
-EDGE = 0.01
-"""Share of the whole time that the line of events has beyond either end."""
 SHORTEST = 0.5
 """Shortest interval that can be selected, s."""
-MARKS = {"arrival": "circle", "contact": "square", "guard": "triangle", "lost": "diamond", "fix": "dash"}
-"""Marker of each kind of event."""
-SEEK = """
-    const gap = Math.abs(cb_obj.origin.x_range.end - cb_obj.origin.x_range.start) / 100
-    window.watch.seek(cb_obj.x, snap ? gap : 0)"""
 CONFIDENCE = 0.95
 """Share of the NIS below its line for a consistent filter."""
 
@@ -65,10 +52,6 @@ class Plots(NamedTuple):
     cursor: Span
     """The moment that is shown."""
 
-    def models(self) -> list[dict[str, Any]]:
-        """Return what the client needs of each plot."""
-        return [{"figure": figure, "curves": curves} for figure, curves in zip(self.figures, self.curves, strict=True)]
-
 
 class _Curve(NamedTuple):
     """A column drawn over time; of several runs, only the last curve of a plot is drawn."""
@@ -82,17 +65,15 @@ class _Curve(NamedTuple):
 
 
 def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme: Theme) -> Plots:
-    """Return the plots; those without any data are left out."""
-    end = _end(drives)
+    """Return the plots; the browser leaves out those without any data."""
+    end = max(1.0, *(float(drive.time[-1] - drive.time[0]) for drive in drives))
     times = Range1d(start=0.0, end=end, bounds=(0.0, end), min_interval=min(SHORTEST, end))
     cursor = Span(location=0.0, dimension="height", line_width=1.5, level="overlay")
     theme.paint(cursor, style.TEXT, "line_color")
     plots = Plots([], [], times, cursor)
     several = len(drives) > 1
 
-    def plot(title: str, curves: Sequence[_Curve], *, floor: float | None = None, has_data: bool = True) -> Figure | None:
-        if not has_data:
-            return None
+    def plot(title: str, curves: Sequence[_Curve], *, floor: float | None = None) -> Figure:
         figure = _figure(title, plots, theme, floor)
         for at, source in enumerate(rows):
             ink, dash = style.RUNS[at]
@@ -101,14 +82,11 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
                 drawn = _draw(figure, source, curve._replace(ink=ink, dash=dash) if several else curve, theme)
                 layer = "" if several else curve.layer
                 plots.curves[-1].append({"drawn": drawn, "layer": layer, "run": at, "column": curve.column})
-            values = [(curve.layer, f"@{curve.column}{{0.000}}") for curve in shown]
-            named = (
-                [(drives[at].around.label or "drive", "@time{0.0} s"), *values]
-                if several
-                else [("time", "@time{0.0} s"), *values]
-            )
+            label = (drives[at].around.label or "drive") if several else "time"
+            named = [(label, "@time{0.0} s"), *((curve.layer, f"@{curve.column}{{0.000}}") for curve in shown)]
+            read = figure.line("time", shown[-1].column, source=source, line_alpha=0.0)  # Bokeh cannot hit steps
             mode = "mouse" if several else "vline"  # the values of six drives at one time would hide each other
-            figure.add_tools(HoverTool(renderers=[_readable(figure, source, shown, plots)], tooltips=named, mode=mode))
+            figure.add_tools(HoverTool(renderers=[read], tooltips=named, mode=mode))
         return figure
 
     command = _Curve("command_v", "command", style.COMMAND, steps=True, width=1.2)
@@ -117,83 +95,19 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     plot("turning rate (rad/s)", [truth._replace(column="omega"), command._replace(column="command_omega")])
     believed = _Curve("error", "estimate", style.ESTIMATE, width=1.8)
     measured = _Curve("odometry_error", "odometry", style.ODOMETRY, width=1.0)
-    has_truth = any(np.isfinite(drive.true_state[:, :2]).any() for drive in drives)
-    plot("position error (m)", [measured, believed], floor=0.0, has_data=has_truth)
-    turns = [measured._replace(column="odometry_turn"), believed._replace(column="turn")]
-    plot("heading error (rad)", turns, floor=0.0, has_data=has_truth)
-    degrees = drives[0].around.nis_degrees
-    limit = float(chi2.ppf(CONFIDENCE, degrees))
+    plot("position error (m)", [measured, believed], floor=0.0)
+    plot("heading error (rad)", [measured._replace(column="odometry_turn"), believed._replace(column="turn")], floor=0.0)
+    limit = float(chi2.ppf(CONFIDENCE, drives[0].around.nis_degrees))
     title = f"NIS, and the {limit:.2f} that 95 % stay below"
-    nis = plot(
-        title,
-        [_Curve("nis", "estimate", style.ESTIMATE)],
-        floor=0.0,
-        has_data=any(np.isfinite(drive.nis).any() for drive in drives),
-    )
-    if nis:
-        _line(nis, limit, theme)
-    clear = any(np.isfinite(drive.clearance).any() for drive in drives)
-    clearance = plot("clearance (m); contact below 0", [_Curve("clearance", "truth", style.TRUTH)], has_data=clear)
-    if clearance:
-        _line(clearance, 0.0, theme)
-        clearance.scatter([0.0], [0.0], alpha=0.0)  # contact is always in the picture
-    reported = any(np.isfinite(drive.level).any() for drive in drives)
-    guard = plot("state of the guard", [_Curve("level", "guard", style.LEVELS[1], steps=True, width=2.4)], has_data=reported)
-    if guard:
-        guard.y_range = Range1d(start=OK - 0.4, end=ERROR + 0.4)
-        guard.yaxis.ticker = FixedTicker(ticks=[OK, WARNING, ERROR])
-        guard.yaxis.major_label_overrides = {OK: "ok", WARNING: "warning", ERROR: "error"}
+    _line(plot(title, [_Curve("nis", "estimate", style.ESTIMATE)], floor=0.0), limit, theme)
+    clearance = plot("clearance (m); contact below 0", [_Curve("clearance", "truth", style.TRUTH)])
+    _line(clearance, 0.0, theme)
+    clearance.scatter([0.0], [0.0], alpha=0.0)  # contact is always in the picture
+    guard = plot("state of the guard", [_Curve("level", "guard", style.LEVELS[1], steps=True, width=2.4)])
+    guard.y_range = Range1d(start=OK - 0.4, end=ERROR + 0.4)
+    guard.yaxis.ticker = FixedTicker(ticks=[OK, WARNING, ERROR])
+    guard.yaxis.major_label_overrides = {OK: "ok", WARNING: "warning", ERROR: "error"}
     return plots
-
-
-def _end(drives: Sequence[Drive]) -> float:
-    """Return the time at which the last of some drives ends, at least 1 s."""
-    return max(1.0, *(float(drive.time[-1] - drive.time[0]) for drive in drives))
-
-
-def _readable(figure: Figure, source: ColumnDataSource, shown: Sequence[_Curve], plots: Plots) -> GlyphRenderer[Any]:
-    """Return the renderer whose values the pointer reads: a line; beside steps alone, which Bokeh cannot hit, an unseen one."""
-    drawn = [curve["drawn"] for curve in plots.curves[-1][-len(shown) :]]
-    lines = [renderer for renderer, curve in zip(drawn, shown, strict=True) if not curve.steps]
-    return lines[0] if lines else figure.line("time", shown[0].column, source=source, line_alpha=0.0)
-
-
-def make_line(drives: Sequence[Drive], events: Sequence[ColumnDataSource], plots: Plots, theme: Theme) -> Figure:
-    """Return the line of events, which has a lane for each drive, and a box that selects an interval of times."""
-    count, end = len(drives), _end(drives)
-    select = RangeTool(x_range=plots.range, start_gesture="none")
-    theme.paint(select.overlay, style.COMMAND, "fill_color", "line_color")
-    select.overlay.fill_alpha, select.overlay.line_dash = 0.08, []
-    line = Figure(
-        name="line",
-        height=LINE + LANE * count,
-        sizing_mode="stretch_width",
-        x_range=Range1d(start=-EDGE * end, end=(1.0 + EDGE) * end),
-        y_range=Range1d(start=count - 0.5, end=-0.5),
-        tools=[select],
-        toolbar_location=None,
-        min_border=0,
-        min_border_left=8,
-        min_border_right=8,
-        output_backend="canvas",
-    )
-    theme.dress(line)
-    line.yaxis.visible = line.ygrid.visible = line.xgrid.visible = False
-    for lane, source in enumerate(events):
-        for kind, marker in MARKS.items():
-            view = CDSView(filter=GroupFilter(column_name="kind", group=kind))
-            height = {"angle": np.pi / 2} if kind == "fix" else {}
-            drawn = line.scatter("time", lane, source=source, view=view, marker=marker, size=8, line_color=None, **height)
-            theme.paint(drawn.glyph, style.EVENTS[kind], "line_color" if kind == "fix" else "fill_color")
-            label = drives[lane].around.label if count > 1 else ""
-            line.add_tools(HoverTool(renderers=[drawn], tooltips=[(label or "event", "@kind, @time{0.0} s")]))
-    _add_cursor(line, plots, snap=True)
-    return line
-
-
-def _add_cursor(figure: Figure, plots: Plots, *, snap: bool = False) -> None:
-    figure.add_layout(plots.cursor)
-    figure.js_on_event(Tap, CustomJS(args={"snap": snap}, code=SEEK))
 
 
 def _figure(title: str, plots: Plots, theme: Theme, floor: float | None) -> Figure:
@@ -220,7 +134,8 @@ def _figure(title: str, plots: Plots, theme: Theme, floor: float | None) -> Figu
     figure.yaxis.ticker = BasicTicker(desired_num_ticks=3)
     figure.xgrid.visible = False
     figure.toolbar.active_scroll = wheel
-    _add_cursor(figure, plots)
+    figure.add_layout(plots.cursor)
+    figure.js_on_event(Tap, CustomJS(code="window.watch.seek(cb_obj.x)"))
     figure.js_on_event(DoubleTap, CustomJS(code="window.watch.whole()"))
     plots.figures.append(figure)
     plots.curves.append([])

@@ -34,8 +34,6 @@ LEVELS = (ThemeColour(GREEN, "#1fbf92"), ThemeColour(ORANGE, ORANGE), ThemeColou
 """Colours of the guard's reports: fine, warning, error."""
 
 LOST = ThemeColour("#852f74", "#e08fc0")
-EVENTS = {"arrival": GOAL, "contact": ESTIMATE, "guard": LEVELS[1], "lost": LOST, "fix": LIMIT}
-"""Colours of the kinds of events."""
 PERSON = ThemeColour("#8a5a2b", "#d6a15f")
 """Colour of people who walk."""
 

@@ -1,4 +1,4 @@
-"""The view: maps of the drives, plots over time, the line of events, and variables for the page template. Made with Bokeh.
+"""The view: maps of the drives, plots over time, and variables for the page template. Made with Bokeh.
 
 Bokeh zooms, pans, selects intervals and shows values under the pointer. `moment.js` draws a moment in the browser, from
 the tables of `columns`: a file needs no server.
@@ -12,19 +12,18 @@ from importlib.resources import files
 from typing import Any, NamedTuple
 
 import numpy as np
+from bokeh.core.templates import get_env
 from bokeh.document import Document
 from bokeh.events import DoubleTap
 from bokeh.models import ColumnDataSource, CustomJS
-from jinja2 import Template
 
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.plotting import ESTIMATE_WITHIN
 from turtlebot_gym_view import style
 from turtlebot_gym_view.columns import kept_of, require_number, tables_of
-from turtlebot_gym_view.events import told_outcome
-from turtlebot_gym_view.maps import Map, in_same_room, make_map
-from turtlebot_gym_view.moving import PERSON, Moment, draw_drive, make_moment
-from turtlebot_gym_view.plots import EDGE, Plots, make_line, make_plots
+from turtlebot_gym_view.maps import Map, make_map, place_of
+from turtlebot_gym_view.moving import Moment, draw_drive, make_moment
+from turtlebot_gym_view.plots import Plots, make_plots
 from turtlebot_gym_view.style import Theme
 
 SCRIPTS = ("moment.js", "player.js")
@@ -48,30 +47,27 @@ class _Run(NamedTuple):
     moment: Moment
 
 
-def fill(document: Document, drives: Sequence[Drive], *, title: str, side_by_side: bool = False) -> None:
-    """Put the view of some drives into a document.
-
-    Args:
-        document: An empty document.
-        drives: The drives; those in the same room are drawn over each other.
-        title: Title of the page.
-        side_by_side: Whether each drive has a map of its own.
+def fill(document: Document, drives: Sequence[Drive], *, title: str) -> None:
+    """Put the view of some drives into an empty document; those in the same room are drawn over each other.
 
     Raises:
-        ValueError: If there is no drive, one is empty, or there are more than `MOST_RUNS`.
+        ValueError: If there is no drive, one is empty, or there are too many.
     """
     require_number(len(drives))
     if not all(map(len, drives)):
         raise ValueError(f"drives must have rows, got {list(map(len, drives))} rows.")
     theme = Theme()
-    runs = [_make_run(drive) for drive in drives]
+    tables = [tables_of(drive) for drive in drives]
+    runs = [_Run({name: ColumnDataSource(table) for name, table in each.items()}, make_moment(each)) for each in tables]
     rows = [run.sources["rows"] for run in runs]
-    groups = [[at] for at in range(len(drives))] if side_by_side else _groups(drives)
+    rooms: dict[Any, list[int]] = {}
+    for at, drive in enumerate(drives):
+        rooms.setdefault(place_of(drive), []).append(at)
+    groups = [*rooms.values()]
     maps, drawn = _make_maps(drives, runs, groups, theme)
     plots = make_plots(drives, rows, theme)
-    line = make_line(drives, [run.sources["events"] for run in runs], plots, theme)
     with document.models.freeze():  # else Bokeh walks over all models for each root
-        for root in (*(shown.figure for shown in maps), *plots.figures, line):
+        for root in (*(shown.figure for shown in maps), *plots.figures):
             document.add_root(root)
     client: dict[str, Any] = {
         "runs": [
@@ -87,40 +83,19 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, side_by_sid
             {"figure": shown.figure, "runs": group, "chart": shown.chart} for shown, group in zip(maps, groups, strict=True)
         ],
         "layers": drawn,
-        "plots": plots.models(),
-        "line": line,
-        "edge": EDGE,
+        "plots": [{"figure": drawn, "curves": curves} for drawn, curves in zip(plots.figures, plots.curves, strict=True)],
         "range": plots.range,
         "cursor": plots.cursor,
         "theme": theme.entries,
         "words": WORDS,
         "details": DETAILS,
-        "person": PERSON,
     }
     for run in runs:
         run.sources["rows"].tags = [*run.sources.values()]  # no drawn model refers to all of them
     document.js_on_event("document_ready", CustomJS(args=client, code="".join(map(_text, SCRIPTS))))
     document.title = title
-    document.template = _template()
+    document.template = get_env().from_string(_text("page.html"))  # an extension of Bokeh's own
     document.template_variables.update(_variables(drives, maps, groups, plots, title))
-
-
-def _make_run(drive: Drive) -> _Run:
-    tables = tables_of(drive)
-    return _Run({name: ColumnDataSource(table) for name, table in tables.items()}, make_moment(tables))
-
-
-def _groups(drives: Sequence[Drive]) -> list[list[int]]:
-    """Return the numbers of the drives in each room, in order."""
-    groups: list[list[int]] = []
-    for at, drive in enumerate(drives):
-        for group in groups:
-            if in_same_room(drives[group[0]], drive):
-                group.append(at)
-                break
-        else:
-            groups.append([at])
-    return groups
 
 
 def _make_maps(
@@ -130,11 +105,7 @@ def _make_maps(
     maps: list[Map] = []
     drawn: list[list[Any]] = []
     for number, group in enumerate(groups):
-        beside = next(
-            (shown for shown, other in zip(maps, groups, strict=False) if in_same_room(drives[other[0]], drives[group[0]])),
-            None,
-        )
-        shown = make_map([drives[at] for at in group], theme, name=f"map{number}", beside=beside.figure if beside else None)
+        shown = make_map([drives[at] for at in group], theme, name=f"map{number}")
         for at in group:
             ink, dash = style.RUNS[at] if len(drives) > 1 else (style.TRUTH, [])
             run = runs[at]
@@ -169,7 +140,7 @@ def _variables(
         {
             "at": at,
             "label": drive.around.label or f"drive {at + 1}",
-            "outcome": told_outcome(drive),
+            "outcome": drive.outcome,
             "ink": style.RUNS[at][0] if several else None,
             "dash": " ".join(map(str, style.RUNS[at][1])) or "none",
         }
@@ -187,18 +158,9 @@ def _variables(
         ],
         "choice": len(maps) < len(drives),
         "plots": [str(figure.name) for figure in plots.figures],
-        "several": len(maps) > 1,
     }
 
 
 @cache
 def _text(name: str) -> str:
     return files("turtlebot_gym_view").joinpath(name).read_text(encoding="utf-8")
-
-
-@cache
-def _template() -> Template:
-    """Return the page, an extension of Bokeh's own."""
-    from bokeh.core.templates import get_env
-
-    return get_env().from_string(_text("page.html"))

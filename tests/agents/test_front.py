@@ -214,7 +214,7 @@ def test_watch_hands_policies_or_drives_to_the_viewer(in_a_room, monkeypatch):
         "page_of": lambda drives, **options: (drives, options),
     }
     monkeypatch.setattr(satellites, "satellite", lambda name, attribute: viewer[attribute])
-    assert watch("bearing", "ppo-nav", seed=3) == (("bearing", "ppo-nav"), {"env": "nav", "seed": 3})
+    assert watch("bearing", "ppo-nav", seed=3) == (("bearing", "ppo-nav"), {"env": None, "seed": 3})
     assert watch()[0] == ("bearing",)
     assert watch(in_a_room) == ([in_a_room.record], {"title": "vfh"})
     with pytest.raises(ValueError, match="watch shows policies or drives, got both"):

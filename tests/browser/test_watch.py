@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from turtlebot_gym_view import record_episode
+from turtlebot_gym_agents.evaluation.recording import record_episode
 from turtlebot_gym_view.page import Page
 
 pytestmark = pytest.mark.browser
@@ -216,87 +216,6 @@ def test_numbers_are_those_of_the_drive(visit, long_url, long_drive):
 def middle_of(seen, selector=".map"):
     box = seen.page.locator(selector).first.bounding_box()
     return box["x"] + 0.6 * box["width"], box["y"] + 0.4 * box["height"]
-
-
-def test_an_entry_of_the_legend_hides_its_layer(visit, long_url):
-    seen = visit(long_url)
-    seen.seek(30.0)
-    for layer, parts in (("truth", (".map", ".plots")), ("scan", (".map",)), ("odometry", (".map", ".plots"))):
-        before = {part: seen.picture(part) for part in parts}
-        button = seen.page.locator(f'.legend button[data-layer="{layer}"]')
-        button.click()
-        seen.page.mouse.move(700, 5)
-        seen.page.wait_for_timeout(300)
-        assert button.get_attribute("aria-pressed") == "false"
-        assert all(np.abs(seen.picture(part) - before[part]).max() > 64 for part in parts)
-        button.click()
-        seen.page.mouse.move(700, 5)
-        seen.page.wait_for_timeout(300)
-        assert all(np.abs(seen.picture(part) - before[part]).max() < 64 for part in parts), layer  # but for smooth edges
-
-
-def test_drives_are_shown_over_each_other_and_one_of_them_with_the_others_pale(visit, pair, tmp_path, results):
-    Page(drives=pair, title="Two").save(tmp_path / "pair.html")
-    seen = visit((tmp_path / "pair.html").as_uri())
-    assert seen.page.locator(".map").count() == 1
-    seen.seek(6.0)
-    both = seen.picture(".map")
-    details = seen.page.locator('.legend button[data-layer="scan"]')
-    assert not details.is_visible()
-    seen.choose(1)
-    one = seen.picture(".map")
-    assert np.abs(one - both).max() > 64
-    assert details.is_visible()  # what the drive that is looked at sees
-    for layer in ("scan", "odometry", "estimate", "truth"):
-        seen.page.locator(f'.legend button[data-layer="{layer}"]').click()
-    seen.page.wait_for_timeout(300)
-    ghost = [seen.picture(".map")]
-    seen.seek(1.0)
-    ghost.append(seen.picture(".map"))  # the whole path of the other drive is there at any time
-    path = seen.page.evaluate(LAYER, ["ghost", 0])
-    assert path == {"visible": True, "muted": False, "rows": len(pair[0])}
-    assert seen.page.evaluate(LAYER, ["robot", 0])["muted"]
-    assert not seen.page.evaluate(LAYER, ["ghost", 1])["visible"]
-    seen.page.screenshot(path=results / "ghost.png")
-
-
-LAYER = """([layer, run]) => {
-    const [, , drawn] = window.watch.layers.find(([number, name]) => number === run && name === layer)
-    return {visible: drawn.visible, muted: drawn.muted, rows: drawn.data_source.data.x.length}
-}"""
-
-
-def drag(page, begin, end):
-    page.mouse.move(*begin)
-    page.mouse.down()
-    page.mouse.move(*np.add(begin, end) / 2.0, steps=3)
-    page.mouse.move(*end, steps=3)
-    page.mouse.up()
-    page.wait_for_timeout(400)
-
-
-def test_a_drag_in_a_plot_selects_an_interval_in_which_it_plays(visit, long_url, results):
-    seen = visit(long_url)
-    box = seen.frame("plot2")
-    y = box["y"] + 0.5 * box["height"]
-    drag(seen.page, (box["x"] + 0.25 * box["width"], y), (box["x"] + 0.5 * box["width"], y))
-    begin, end = seen.range
-    assert (begin, end) == pytest.approx((15.0, 30.0), abs=0.5)
-    assert [(seen.frame(f"plot{at}")["start"], seen.frame(f"plot{at}")["end"]) for at in (0, 5)] == [(begin, end)] * 2
-    assert (seen.frame("line")["start"], seen.frame("line")["end"]) == pytest.approx((-0.6, 60.6))  # the whole drive
-    seen.seek(25.0)
-    first = seen.page.evaluate("Math.min(...window.watch.trail(0).time)")
-    assert first == pytest.approx(begin, abs=0.11)  # the path on the map begins with the interval
-    seen.page.screenshot(path=results / "interval.png")
-    seen.page.select_option("#speed", "16")
-    seen.page.click("#play")
-    seen.page.wait_for_function("!window.watch.playing", timeout=20_000)
-    assert seen.time == pytest.approx(end, abs=0.11)
-    seen.page.keyboard.press("Home")
-    assert seen.time == pytest.approx(begin)
-    seen.page.mouse.dblclick(box["x"] + 0.5 * box["width"], y)
-    seen.page.wait_for_timeout(400)
-    assert seen.range == pytest.approx([0.0, 60.0])
 
 
 def test_no_request_leaves_the_machine_whatever_is_done(visit, pair, tmp_path):

@@ -22,24 +22,8 @@ with warnings.catch_warnings():
     pytest.importorskip("rosidl_generator_py", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-LONG = (
-    "README",
-    "belief",
-    "rooms",
-    "calibrate",
-    "study",
-    "filter",
-    "fix",
-    "libraries",
-    "policy",
-    "python",
-    "robot",
-    "train",
-    "watch",
-    "gallery",
-    "start",
-    "tutorial",
-)
+LONG = {"README", "belief", "rooms", "calibrate", "study", "filter", "fix", "libraries", "policy", "python", "robot", "train"}
+LONG |= {"watch", "gallery", "start", "tutorial"}
 """Pages whose blocks train, or compile systems that the other tests do not need; they run in `make test-all`."""
 QUICK = {
     "evaluate": {"episodes": "5"},
@@ -61,13 +45,6 @@ def shortened(line):
     for name, value in QUICK.get(command[1] if command else "", {}).items():
         code = re.sub(rf" --{name} \S+", "", code) + f" --{name} {value}"
     return code
-
-
-def shortened_code(text):
-    """Return Python code with the numbers of `SHORT`."""
-    for pattern, short in SHORT.items():
-        text = re.sub(pattern, short, text)
-    return text
 
 
 def run(text):
@@ -104,7 +81,9 @@ def test_code_blocks_work(path, tmp_path, monkeypatch):
             if block.title:
                 Path(block.title).write_text(block.text)
             if block.kind == "python":
-                text = shortened_code(block.text) if path.stem == "python" else block.text
+                text = block.text
+                for pattern, short in SHORT.items() if path.stem == "python" else ():
+                    text = re.sub(pattern, short, text)
                 exec(compile("\n" * block.line + text, path, "exec"), vars(page))
             elif block.kind == "bash":
                 run(block.text)
@@ -112,7 +91,8 @@ def test_code_blocks_work(path, tmp_path, monkeypatch):
                 yaml.safe_load(block.text)
 
 
-def test_python_blocks_of_every_page_are_valid(page):
-    for block in blocks_of(page):
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_python_blocks_of_every_page_are_valid(path):
+    for block in blocks_of(path):
         if block.kind == "python":
-            compile("\n" * block.line + block.text, page, "exec")
+            compile("\n" * block.line + block.text, path, "exec")

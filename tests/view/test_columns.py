@@ -76,17 +76,10 @@ def test_a_long_drive_sends_every_nth_scan(monkeypatch):
     assert len(tables["beams"]["range"]) == 90
 
 
-def test_people_look_where_they_walk_and_pillars_nowhere():
-    walk = np.array([[0.0, 0.0, 0.3], [5.0, 5.0, 0.2]])
-    circles = []
-    for step in ([0.0, 0.0], [0.0, 0.1], [0.0, 0.1], [0.0, 0.0], [-0.1, 0.0]):  # it waits for a moment, and keeps its direction
-        walk = walk.copy()
-        walk[0, :2] += step
-        circles.append(walk)
-    people = tables_of(Drive(time=0.1 * np.arange(5), circles=tuple(circles)))["people"]
-    up = pytest.approx(0.5 * np.pi, abs=1e-3)
-    assert people["heading"][0::2].tolist() == [up, up, up, up, pytest.approx(np.pi, abs=1e-3)]
-    assert np.isnan(people["heading"][1::2]).all()
+def test_people_are_the_circles_that_move():
+    walk = [np.array([[0.0, 0.1 * k, 0.3], [5.0, 5.0, 0.2]]) for k in range(3)]
+    people = tables_of(Drive(time=0.1 * np.arange(3), circles=tuple(walk)))["people"]
+    assert people["moves"].tolist() == [1.0, 0.0] * 3
     assert people["radius"][:2].tolist() == [pytest.approx(0.3, abs=1e-3), pytest.approx(0.2, abs=1e-3)]
 
 

@@ -7,8 +7,9 @@ import pytest
 import turtlebot_gym  # noqa: F401
 from turtlebot_gym.drive import position_error
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.evaluation.recording import record_episode
 from turtlebot_gym_agents.policies import make_policy
-from turtlebot_gym_view import read_recorded, record_episode
+from turtlebot_gym_view.command import read_recorded
 
 NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
 

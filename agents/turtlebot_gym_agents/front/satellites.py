@@ -41,7 +41,7 @@ def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
     Args:
         *what: Policies, as for `evaluate`, that all drive the same episode; or drives, which `drive` returned.
         html: Also write the view to this file, which opens in any browser; an existing file is replaced.
-        **options: The command's: ``side_by_side``; for policies also ``env``, ``seed`` and the environment's.
+        **options: For policies: ``env``, ``seed``, ``allow_mismatch``, and the environment's.
 
     Raises:
         ImportError: If the viewer is not installed; the message names the extra.
@@ -50,13 +50,13 @@ def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
     drives = [each.record if isinstance(each, DriveResult) else each for each in what if isinstance(each, (Drive, DriveResult))]
     if drives and len(drives) < len(what):
         raise ValueError("watch shows policies or drives, got both: drive the policies, and watch what drive() returns.")
-    if unread := set(options) - {"side_by_side"} if drives else ():
+    if unread := options if drives else ():
         raise ValueError(f"{', '.join(sorted(unread))} would change nothing in drives that have ended: give it to drive().")
     if drives:
-        page = satellite("watch", "page_of")(drives, title=", ".join(each.around.label for each in drives), **options)
+        page = satellite("watch", "page_of")(drives, title=", ".join(each.around.label for each in drives))
     else:
         policies = tuple(each if isinstance(each, str) else policy_of(each) for each in what) or ("bearing",)
-        page = satellite("watch", "episodes")(policies, **{"env": "nav", "seed": 0, **options})
+        page = satellite("watch", "episodes")(policies, **{"env": None, "seed": 0, **options})
     if html is not None:
         page.save(Path(html))
     return page
