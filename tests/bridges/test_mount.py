@@ -101,6 +101,9 @@ def test_another_mount_than_the_presets_is_reported_and_one_that_a_person_gave_i
         "",
         f"/tf_static says that {where}, which is not the parameters' mount, and counts",
     )
+    monitor._mount_of = unstated
+    monitor.hear(RawScan(ranges(PRESET, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "base_scan"), sent=T + 0.1)
+    assert monitor.remark == ""  # once it is stated no more
     given = {"scan_mount": "given", "scan_x": 0.05, "scan_y": -0.04, "scan_yaw": 2.0}
     assert commands(OTHER, stated(OTHER), 0.0, **given)[2].trouble(T) == ""
     *_, verdict, monitor = commands(OTHER, stated(OTHER), 0.0, **{**given, "scan_yaw": 0.0})

@@ -405,6 +405,7 @@ def test_the_parameters_are_those_of_the_monitor():
     assert monitor._limits == Limits(margin=0.01, error=0.02, time=3.0, escape_speed=0.03)
     assert monitor._timing == Timing(age=0.1, period=0.3, reaction=0.15, returns=0.02)
     assert monitor._reach == pytest.approx((0.26 + 1.82 * 0.064) * 3.55)
+    assert monitor._narrow == beams.narrow_gap(0.22, 0.01 + 0.26 * 3.0)
 
 
 def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
