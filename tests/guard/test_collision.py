@@ -423,3 +423,13 @@ def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
 
 
 # What a scan says, as stop zones.
+
+
+def test_the_border_of_a_wide_gap_is_a_circle_about_the_footprint_whose_stop_zone_is_its_room_away():
+    mount, angles = Mount("base_scan", 0.04, -0.02, 0.7), np.linspace(-math.pi, math.pi, 50)
+    body = Footprint(0.1, -0.03, mount)
+    ranges = collision._edge(angles, body, LIMITS, 0.04)
+    x, y = mount.x + ranges * np.cos(angles + 0.7) - body.center_x, mount.y + ranges * np.sin(angles + 0.7)
+    away = np.hypot(x, y)
+    assert away == pytest.approx(away[0])
+    assert 0.04 <= (away - body.radius - LIMITS.margin - LIMITS.error * ranges).min() < 0.06
