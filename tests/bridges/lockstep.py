@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -119,9 +118,3 @@ def differences(one: Drive, other: Drive) -> dict[str, float]:
 def room_differences(one: Drive, other: Drive) -> dict[str, float]:
     """Return the largest difference in each part of two episodes in a room."""
     return differences(one, other) | {"clearance": float(np.abs(one.clearance - other.clearance).max())}
-
-
-def digest(trajectory: Drive) -> str:
-    """Return a fingerprint of all bytes of a drive."""
-    parts = [np.ascontiguousarray(getattr(trajectory, name)).tobytes() for name in COLUMNS]
-    return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
