@@ -173,7 +173,8 @@ class CmdVelGuard(Node):
     def _scan(self, message: LaserScan, info: Mapping[str, Any]) -> None:
         now = self._now()
         age = self._age("scan", message, info, now)
-        scan = RawScan(*(getattr(message, name) for name in RawScan._fields[:-1]), message.header.frame_id)
+        numbers = [getattr(message, name) for name in RawScan._fields[:-1]]
+        scan = RawScan._make([*numbers, message.header.frame_id])
         # The stamp may be that of the first beam.
         self._arbiter.hear_scan(scan, now, sent=now - age.since(self._p.scan_period), dated=age.dated)
         self._step()
