@@ -300,3 +300,34 @@ def test_a_gap_is_longer_than_a_tenth_of_a_second_and_one_longer_than_a_commands
     arbiter.hear("program", AHEAD, T)
     assert arbiter.step(T + 0.5).v > 0.0
     assert arbiter.step(T + 1.0625) == STOP
+
+
+def test_it_says_what_it_does():
+    arbiter = new()
+    for at, state, act in (
+        (0.0, "stopped", lambda: None),
+        (0.1, "program", lambda: arbiter.hear("program", AHEAD, T + 0.1)),
+        (0.2, "teleop", lambda: arbiter.hear("teleop", AHEAD, T + 0.2)),
+        (1.9, "silent", lambda: drive(arbiter, 0.22, 1.68)),
+        (2.0, "stopped", lambda: arbiter.enable(False, T + 2.0)),
+        (3.1, "disabled", lambda: drive(arbiter, 2.02, 1.08)),
+        (3.2, "emergency", lambda: arbiter.hear_emergency(True, T + 3.2)),
+    ):
+        act()
+        arbiter.step(T + at)
+        assert arbiter.state == state
+
+
+def test_one_that_starts_disabled_says_zeros_at_its_rate_for_a_second_like_any_other():
+    for arbiter in (new(), new(start_enabled=False)):
+        assert arbiter.state == "stopped"
+        assert arbiter.step(T) == STOP
+        assert arbiter.step(T + 0.001) is None
+    arbiter = new()
+    assert drive(arbiter, 0.0, 1.0)[-1] == STOP
+    assert arbiter.step(T + 1.0) is None
+    assert arbiter.state == "silent"
+    arbiter = new(start_enabled=False)
+    assert set(drive(arbiter, 0.0, 2.0, AHEAD)) == {STOP}
+    arbiter.enable(True, T + 2.0)
+    assert drive(arbiter, 2.0, 1.0, AHEAD)[-1] == AHEAD

@@ -433,3 +433,13 @@ def test_the_border_of_a_wide_gap_is_a_circle_about_the_footprint_whose_stop_zon
     away = np.hypot(x, y)
     assert away == pytest.approx(away[0])
     assert 0.04 <= (away - body.radius - LIMITS.margin - LIMITS.error * ranges).min() < 0.06
+
+
+def test_points_are_where_the_mount_puts_them_and_grow_with_their_range():
+    body = Footprint(0.1, -0.05, Mount("base_scan", 0.2, -0.1, math.pi / 2.0))
+    expected = [(0.2, 0.9, 0.25), (-1.8, -0.1, 0.35), (0.2, -0.6, 0.2)]
+    seen = seen_by(scan([1.0, 2.0, 0.5, np.inf], range_min=0.0), body)
+    np.testing.assert_allclose(seen, points(*expected), atol=1e-7)
+    turned = scan([1.0, 2.0, 0.5, np.inf], angle_min=0.3, angle_increment=-math.pi / 2.0)
+    x, y, _ = seen_by(turned)
+    np.testing.assert_allclose(np.arctan2(y, x), [0.3, 0.3 - math.pi / 2.0, 0.3 - math.pi], atol=1e-7)
