@@ -61,9 +61,9 @@ NOWHERE = RoomData()
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Drive:
-    """A drive of T rows; what is not given is unknown, and unknown numbers are NaN.
+    """A drive of T rows; what is not given is unknown, and unknown numbers are NaN. Slices of rows are drives, too.
 
-    The columns that an environment knows have the names of its ``info``. Slices of rows are drives, too.
+    The columns that an environment knows have the names of its ``info``.
     """
 
     time: NDArray[np.float64]
@@ -126,10 +126,7 @@ class Drive:
 
     @classmethod
     def stack(cls, rows: Iterable[Mapping[str, Any]], *, time: ArrayLike, **rest: Any) -> Drive:
-        """Return the drive whose T rows hold values by the names of columns, such as the infos of an episode.
-
-        Other names are ignored. ``time`` has shape (T,), s; ``rest`` are other fields.
-        """
+        """Return the drive whose T rows hold values by the names of columns, such as infos; ``rest`` are other fields."""
         rows, columns = list(rows), {}
         for name, shape in _SHAPES.items():
             if any(name in row for row in rows):

@@ -149,8 +149,7 @@ class NavigationVectorEnv(SeededVectorEnv):
         mask, batch = self._reset_mask(options), self._batch
         is_seeded, seeds = self._seed(seed)
         is_seeded &= mask
-        batch.episodes[mask] += 1
-        batch.episodes[is_seeded] = 0
+        batch.episodes[is_seeded] = -1
         batch.seeds[is_seeded] = seeds[is_seeded]
         observations, outcomes = batch.last()
         self._begin(mask, observations, outcomes)
@@ -188,13 +187,11 @@ class NavigationVectorEnv(SeededVectorEnv):
             raise ResetNeeded("Call reset() before step().")
         is_any_over = self._is_any_over
         if mode is AutoresetMode.DISABLED and is_any_over:
-            raise Error(
-                f"Environment {int(np.argmax(self._done))}: its episode has ended, and autoreset is disabled: "
-                "reset it with options={'reset_mask': mask}."
-            )
+            ended = int(np.argmax(self._done))
+            raise Error(f"Environment {ended}: its episode has ended: reset it with options={{'reset_mask': mask}}.")
         observations, outcomes = batch.step(values)
         if mode is AutoresetMode.NEXT_STEP and is_any_over:
-            self._begin_next(self._done, observations, outcomes)
+            self._begin(self._done, observations, outcomes)
         # Rows without flags, which are most steps of a few thousand environments, need no look at their numbers. One comparison
         # of all three rows takes half the time of three.
         is_flagged = is_any_over or batch.is_flagged()
@@ -212,16 +209,12 @@ class NavigationVectorEnv(SeededVectorEnv):
         final = {"final_obs": last, "_final_obs": done.copy()}
         final |= {"final_info": self._info(outcomes, is_success, done), "_final_info": done.copy()}
         rewards = rewards.copy()
-        self._begin_next(done, observations, outcomes)
+        self._begin(done, observations, outcomes)
         return observations, rewards, terminated, truncated, self._info(outcomes, outcomes[_SUCCESS] != 0.0) | final
 
-    def _begin_next(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
+    def _begin(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
         """Begin the next episode of some environments, and overwrite their values."""
         self._batch.episodes[mask.nonzero()] += 1  # in half the time of the mask itself
-        self._begin(mask, observations, outcomes)
-
-    def _begin(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
-        """Begin the episodes of some environments, whose numbers are already set."""
         self._batch.reset(mask, observations, outcomes)
         if self._in_room and (lost := mask & (self._batch.numbers(common.ROOM_PARTS["way_left"]) == UNKNOWN)).any():
             # No step may follow an episode that did not begin.

@@ -29,8 +29,6 @@ SIDE, HEADER = 640, 64
 """Side of the map, and height of the strip above it with the legend; pixels."""
 _FINE = 2
 """Supersampling factor, which smooths every edge."""
-_EDGE = 20 * _FINE
-"""Distance from an edge within which no coordinate is written, since it could be cut off."""
 _MARGIN, _GROWTH = 0.5, 1.25
 """Margin around the visible points, m, and the factor by which a robot that leaves the view widens it."""
 _WHEEL = (0.75, 0.45, 0.13)
@@ -119,24 +117,20 @@ class Renderer:
         if not self._windows:
             pixels = bytearray(self._pygame.image.tobytes(picture, "RGB"))  # four times as fast as pygame.surfarray
             return np.frombuffer(pixels, np.uint8).reshape(HEADER + SIDE, SIDE, 3)
-        self._show(picture)
+        if self._window is None:
+            self._pygame.display.init()
+            self._window = self._pygame.display.set_mode(picture.get_size())
+            self._pygame.display.set_caption("TurtleBot")
+        self._window.blit(picture, (0, 0))
+        self._pygame.event.pump()
+        self._pygame.display.flip()
+        self._clock.tick(self._fps)
         return None
 
     def close(self) -> None:
         if self._window is not None:
             self._pygame.display.quit()
             self._window = None
-
-    def _show(self, picture: Surface) -> None:
-        display = self._pygame.display
-        if self._window is None:
-            display.init()
-            self._window = display.set_mode(picture.get_size())
-            display.set_caption("TurtleBot")
-        self._window.blit(picture, (0, 0))
-        self._pygame.event.pump()
-        display.flip()
-        self._clock.tick(self._fps)
 
     def _widen(self, truth: State) -> None:
         """Widen the view until it contains the robot."""
@@ -198,15 +192,15 @@ class Renderer:
 
     def _make_paper(self) -> Surface:
         """Return what does not move: lines at whole metres, waypoints, and the walls of the arena or the room."""
-        paper, end = self._surface(SIDE), _FINE * SIDE
+        paper, end, edge = self._surface(SIDE), _FINE * SIDE, 20 * _FINE
         spacing = max(1, round(self._half / 4.0))
         for metres in range(-spacing * 999, spacing * 999, spacing):
             column, row = self._at(metres, metres)
             self._pygame.draw.line(paper, _GRID, (column, 0), (column, end), _FINE)
             self._pygame.draw.line(paper, _GRID, (0, row), (end, row), _FINE)
-            if _EDGE < column < end - _EDGE:
+            if edge < column < end - edge:
                 self._write(paper, f"{metres} m", midbottom=(column, end - 4 * _FINE))
-            if _EDGE < row < end - 1.5 * _EDGE:  # not over the column labels
+            if edge < row < end - 1.5 * edge:  # not over the column labels
                 self._write(paper, f"{metres} m", midleft=(4 * _FINE, row))
         for waypoint in self._waypoints:
             self._draw_waypoint(paper, waypoint, _PALE_GOAL, 1.5)
