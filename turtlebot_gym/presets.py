@@ -192,7 +192,7 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
         made = made(noise)
     corrects = not noise.odometry.wheel
     if kinds_of(made):
-        kind = Plain(make=maker_of(made), corrects=corrects, reads_Q=False)
+        kind = Plain(make=maker_of(made), corrects=corrects)
         return replace(matched(noise), R=variances_of(made), kind=kind)
     if _is_filter(made):
         if not isinstance(made, type):

@@ -1,8 +1,7 @@
 """An extended Kalman filter for a unicycle whose pose is measured; with a gate for the heading, and without any correction.
 
-State ``[x, y, theta]``, input the executed twist, measurement the state. Its measured components are independent, so the update
-processes them in turn: three scalar updates equal the joint one, need no matrix inverse, and keep the covariance symmetric by
-construction.
+State ``[x, y, theta]``, input the executed twist, measurement the state. Its measured components are independent: three scalar
+updates in turn equal the joint one, need no matrix inverse, and keep the covariance symmetric by construction.
 
 References:
     Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 10.3 (EKF).

@@ -36,8 +36,6 @@ class Plain:
     """The class, or another callable that makes a filter for a tuning."""
     corrects: bool = True
     """Whether the measured poses correct the belief; not with wheel odometry."""
-    reads_Q: bool = field(default=True, metadata={"number": False})
-    """Whether it may read the tuning's Q; an object of filterpy has its own."""
 
     @property
     def filter(self) -> Filter:

@@ -58,15 +58,11 @@ LEAST_VARIANCE, LEAST_SHARE = 1e-12, 1e-12
 
 @kernel
 def innovation_variance(variance: float, r: float) -> float:
-    """Return S, the variance of a scalar measurement's innovation: ``h P h' + r``.
+    """Return S, the variance of a scalar measurement's innovation, for its ``h P h'`` and its noise: ``h P h' + r``.
 
     The noise counts as at least `LEAST_VARIANCE`, and as `LEAST_SHARE` of ``h P h'``. A measurement a million times more
     accurate than the belief would leave nothing of the covariance but rounding: the entries beside the diagonal then no longer
     fit those on it, and gains grow without limit. The floors leave a share that rounding, 2e-16, does not reach.
-
-    Args:
-        variance: ``h P h'``.
-        r: Variance of the measurement.
     """
     return variance + max(r, max(LEAST_VARIANCE, LEAST_SHARE * variance))
 
