@@ -1,7 +1,6 @@
 """Observations are made of named terms: the package's, one's own, and histories of both, the same wherever a robot drives."""
 
 import json
-import pickle
 
 import gymnasium as gym
 import numpy as np
@@ -113,19 +112,6 @@ def test_a_term_that_cannot_be_is_refused(arguments, message):
         ObservationTerm(*arguments)
     with pytest.raises(ValueError, match="topic, message and convert belong together"):
         ObservationTerm("bumper", len, 0.0, 1.0, topic="bumper")
-
-
-@pytest.mark.nightly
-def test_an_environment_with_own_terms_is_pickled_as_it_is():
-    for made in (
-        gym.make(ROOMS, observation="ekf,scan*2,own_terms:BUMPER"),
-        gym.make_vec(ROOMS, num_envs=2, observation="own_terms:BUMPER*2,goal"),
-    ):
-        observed, _ = made.reset(seed=1)
-        again = pickle.loads(pickle.dumps(made))
-        action = np.full((*np.shape(observed)[:-1], 2), 0.4, np.float32)
-        for _ in range(3):
-            np.testing.assert_array_equal(again.step(action)[0], made.step(action)[0])
 
 
 def test_terms_of_one_name_that_differ_are_not_taken_for_each_other():

@@ -33,14 +33,7 @@ class TrackedFix(NamedTuple):
 
 @kernel
 def _arrives(noise: FixNoise, key: int, stamp: int, dt: float) -> bool:
-    """Return whether the fix that was measured in a step arrives, without a branch.
-
-    Args:
-        noise: Noise, period and delay of the sensor.
-        key: The sensor's own key of the episode.
-        stamp: The step's number.
-        dt: Control interval, s.
-    """
+    """Return whether the fix that was measured in a step arrives, without a branch; ``key`` is the sensor's own."""
     every = max(math.floor(noise.period / dt + 0.5), 1)
     event, _ = uniforms(key, stamp, EVENTS)
     return (stamp > 0) & (stamp == every * math.floor(stamp / every)) & (event >= noise.dropout_probability)
@@ -85,9 +78,8 @@ def fix_sensor(late: int) -> Sensor:
         arrived = _arrives(p.fix, own_key, stamp, p.dt)
         fix = before._replace(arrived=arrived, passed=passed)
         if arrived:
-            R, (xy, xt, yt) = p.fix.R, p.fix.cross
             pose = _measure(passed[late], p.fix, own_key, stamp)
-            fix = TrackedFix(pose, (R[0], R[1], R[2]), late * p.dt, True, (xy, xt, yt), passed)
+            fix = fix._replace(pose=pose, R=p.fix.R, age=late * p.dt, cross=p.fix.cross)
         return fix
 
     return Sensor("fix", first, sense, FixNoise(R=(0.01, 0.01)))

@@ -50,22 +50,24 @@ class Imu(NamedTuple):
 
 
 @kernel
+def _read(body, bias, white, p):
+    return Imu(body.true_state.omega + bias + sqrt(p.imu.variance) * white, bias)
+
+
+@kernel
 def _first(body, key, p):
     """Return the turning rate at the start, with the bias that the episode begins with."""
-    own_key, noise = sub_key(key, _USE), p.imu
+    own_key = sub_key(key, _USE)
     white, _ = normals(own_key, 0, POSITION)
     start, _ = normals(own_key, 0, HEADING)
-    bias = noise.bias_deviation * start
-    return Imu(body.true_state.omega + bias + sqrt(noise.variance) * white, bias)
+    return _read(body, p.imu.bias_deviation * start, white, p)
 
 
 @kernel
 def _sense(body, before, key, at, p):
     """Return the executed turning rate, after the bias has drifted."""
-    noise = p.imu
     white, drift = normals(sub_key(key, _USE), at, POSITION)
-    bias = before.bias + noise.bias_walk * sqrt(p.dt) * drift
-    return Imu(body.true_state.omega + bias + sqrt(noise.variance) * white, bias)
+    return _read(body, before.bias + p.imu.bias_walk * sqrt(p.dt) * drift, white, p)
 
 
 IMU = Sensor("imu", _first, _sense, ImuNoise())
