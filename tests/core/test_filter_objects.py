@@ -98,7 +98,7 @@ def correlated():
         (lambda: kalman.SquareRootKalmanFilter(5, 3), "got 'SquareRootKalmanFilter'"),
         (lambda: kalman.ExtendedKalmanFilter(4, 3), "of 3 or 5 states"),
         (lambda: kalman.ExtendedKalmanFilter(5, 2), "of 3 or 5 states"),
-        (correlated, r"ExtendedKalmanFilter\.R must be a diagonal matrix"),
+        (correlated, "filter ExtendedKalmanFilter must be .* its R a diagonal matrix"),
         (lambda: Unfit(), "the class of a filter of one's own, not an object"),
     ],
 )

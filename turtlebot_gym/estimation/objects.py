@@ -1,15 +1,12 @@
 """A filter object of filterpy as a filter of the environments and nodes: `Plain` of a copy of the object.
 
 Its state is (x, y, theta), or (x, y, theta, v, omega) and further ones; the measurement is the pose. ``Q`` holds for a step of
-0.1 s, of an unscented filter for its own ``dt``; longer steps add more.
-
-* ``ExtendedKalmanFilter``: moves as the robot does, or by a ``predict_x`` of its own in a subclass, which gets ``u``.
-* ``UnscentedKalmanFilter``: moves by its ``fx(x, dt, u)``, and measures by its ``hx``.
-
-``u`` is (v, omega): with three states the twist of the interval, otherwise the twist from its end on.
+0.1 s, of an unscented filter for its own ``dt``; longer steps add more. An ``ExtendedKalmanFilter`` moves as the robot does, or
+by a ``predict_x(u)`` of its own in a subclass; an ``UnscentedKalmanFilter`` moves by its ``fx(x, dt, u)``. ``u`` is (v, omega):
+with three states the twist of the interval, otherwise the twist from its end on.
 
 References:
-    Labbe, *filterpy*, https://filterpy.readthedocs.io, and *Kalman and Bayesian Filters in Python* (2015), chapters 10 and 11.
+    Labbe, *Kalman and Bayesian Filters in Python* (2015), chapters 10 and 11.
 """
 
 from __future__ import annotations
@@ -38,14 +35,13 @@ def kinds_of(given: object) -> list[str]:
 
 def variances_of(given: Any) -> tuple[float, ...]:
     """Return the variances of the measured pose, the diagonal of the object's R; a ``ValueError`` refuses what does not fit."""
-    name = (given if isinstance(given, type) else type(given)).__name__
     if isinstance(given, type) or not {*KNOWN} & {*kinds_of(given)}:
-        raise refusal("filter", f"an object of filterpy's {' or '.join(KNOWN)}, with its Q and R set", name)
+        raise refusal("filter", f"an object of filterpy's {' or '.join(KNOWN)}, with its Q and R set", kinds_of(given)[0])
     states, R = len(given.P), np.asarray(given.R, np.float64)
-    if R.shape != (3, 3) or states not in (3, *range(5, 100)) or np.shape(given.Q) != (states, states):
-        raise refusal(f"filter {name}", "of 3 or 5 states or more (x, y, theta, v, omega) and 3 measured numbers", given.R)
-    if np.any(R - np.diag(np.diag(R))) or not np.all(np.diag(R) > 0.0):
-        raise refusal(f"filter {name}.R", "a diagonal matrix of positive variances of x, y and theta", R.tolist())
+    fits = R.shape == (3, 3) and states in (3, *range(5, 100)) and np.shape(given.Q) == (states, states)
+    if not fits or np.any(R - np.diag(np.diag(R))) or not np.all(np.diag(R) > 0.0):
+        rule = "of 3 or 5 states or more (x, y, theta, v, omega), and its R a diagonal matrix of 3 positive variances"
+        raise refusal(f"filter {type(given).__name__}", rule, R.tolist())
     return tuple(np.diag(R).tolist())
 
 
@@ -65,7 +61,6 @@ class _Worker:
         self._unload((0.0, 0.0))
 
     def predict(self, twist: NDArray[np.float64], dt: float) -> None:
-        """Move by an interval, s; the twist holds from its end on."""
         filter, (x, y, theta, v, omega, *more), n = self._filter, self.x.tolist(), self._states
         self._load()
         filter.Q = self._Q * (dt / self._period)
@@ -84,7 +79,6 @@ class _Worker:
         self._unload(twist)
 
     def update(self, z: ArrayLike, R: ArrayLike) -> None:
-        """Correct by a measured pose and its variances, or their 3 x 3 matrix."""
         filter, (x, y, heading), H = self._filter, np.asarray(z, np.float64), np.eye(3, self._states)
         self._load()
         noise = np.diag(R) if np.ndim(R) == 1 else np.array(R, np.float64)
