@@ -243,12 +243,8 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int, dt: float) -> 
     Rooms and placements are drawn until the robot fits at start and goal, no walker is or comes close to a drawn start within
     `HEAD_START`, and a path connects the two. If all attempts fail, the room is emptied.
 
-    Args:
-        scene: Scene to which the room is written. The kind "given" keeps its contents.
-        rules: Rules by which the room is drawn.
-        radius: Radius of the robot, m.
-        key: The episode's key.
-        dt: Control interval in which walkers move, s.
+    The room is written to the scene, whose contents the kind "given" keeps. The robot's radius is in m; walkers move in control
+    intervals of dt, s.
     """
     room_key = sub_key(key, ROOM)
     start, goal = Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0)
@@ -286,15 +282,8 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int, dt: float) -> 
 def draw_next(scene: Scene, rules: RoomRules, before: Pose, key: int, number: int) -> Pose:
     """Draw the goal after another one: far enough from it, and with a path to it, or the farthest of `ATTEMPTS`.
 
-    It depends on the goals before it alone, and not on where the robot is. In rooms that are driven through, goals are at both
-    ends in turn.
-
-    Args:
-        scene: The drawn room, with the paths to the goal before.
-        rules: Rules by which the room was drawn.
-        before: The goal before.
-        key: The episode's key.
-        number: Number of goals before, from 1.
+    It depends on the ``number`` of goals before it alone, from 1, and not on where the robot is. In rooms that are driven
+    through, goals are at both ends in turn. The scene holds the paths to the goal ``before``.
     """
     goal, farthest, goals_key = before, -1.0, sub_key(key, GOALS)
     for attempt in range(ATTEMPTS):

@@ -94,12 +94,8 @@ def _field_each(occupied, side, out):
 def field_of_cells(occupied: Any, side: float, out: Any) -> None:
     """Write the distances to the border between occupied and other cells, negative inside: for maps drawn from plans.
 
-    One of the two distances to the centre of the nearest cell is 0, and half a cell is from a centre to the border.
-
-    Args:
-        occupied: Whether each cell is occupied, shape (rows, columns), bool.
-        side: Side of a cell, m.
-        out: Output, the same shape, float32, m.
+    One of the two distances to the centre of the nearest cell is 0, and half a cell is from a centre to the border. All arrays
+    have the shape (rows, columns): occupied is bool, out float32; cells have a side in m, like the distances.
     """
     reach = int(REACH / side) + 1
     outside, inside = _squares_to_nearest(occupied, True, reach), _squares_to_nearest(occupied, False, reach)

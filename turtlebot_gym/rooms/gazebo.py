@@ -57,6 +57,8 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
     and beside the world. Robots are left out; other models that can be moved stand still. Starts and goals are drawn in what
     the contents enclose, if they do; walls are added around everything.
 
+    A warning names each thing that is left out but may be an obstacle, and models that can be moved.
+
     Args:
         path: An SDF file, ``.world`` or ``.sdf``.
         start: Start pose of the robot; None to draw it.
@@ -64,9 +66,6 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
 
     Raises:
         ValueError: If a file cannot be read, or nothing in it is an obstacle.
-
-    Warns:
-        UserWarning: Of each thing that is left out but may be an obstacle, and of models that can be moved.
     """
     unread: dict[str, str] = {}
     try:

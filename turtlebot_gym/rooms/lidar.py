@@ -156,16 +156,10 @@ def aim(beams, lidar: Lidar) -> None:
 
 @kernel
 def reading(length: float, least: float, beam: int, bias: float, key: int, lidar: Lidar, drawn: bool = True) -> float:
-    """Return the measured range of a beam, m; infinite if nothing is returned.
+    """Return the measured range of a beam of a true length, m; infinite if nothing is returned, as below its ``least`` range.
 
-    Args:
-        length: True length, m.
-        least: The shortest range that the beam returns, m.
-        beam: Number of the beam in the episode, for the draws.
-        bias: Share by which ranges are too long in this episode.
-        key: Key of the episode's scans.
-        lidar: Its errors.
-        drawn: Whether any of them depends on draws; without, the range is the same and takes less time.
+    The beam is counted through the episode, and ``bias`` is the share by which all its ranges are too long. Where no error of
+    the LiDAR depends on draws, the range is the same without them, and takes less time.
     """
     noise, _ = normals(key, beam, 0) if drawn else (0.0, 0.0)
     lost, _ = uniforms(key, beam, 1) if drawn and lidar.dropout > 0.0 else (1.0, 1.0)

@@ -46,21 +46,13 @@ def scan_of(message: Any) -> Scan:
 
 
 def beams_in(scan: Scan) -> Beams:
-    """Return the beams of a scan as sent.
-
-    Raises:
-        ValueError: With one line, if the scan cannot be read.
-    """
+    """Return the beams of a scan as sent; a ``ValueError`` of one line if it cannot be read."""
     limits = {"range_min": scan.range_min, "range_max": scan.range_max}
     return beams_of(scan.ranges, first=scan.first, increment=scan.increment, **limits)
 
 
 def read_scan(scan: Scan) -> Scan:
-    """Return a scan as sent with its ranges as `beams` reads them.
-
-    Raises:
-        ValueError: With one line, if the scan cannot be read.
-    """
+    """Return a scan as sent with its ranges as `beams_in` reads them."""
     return scan._replace(ranges=beams_in(scan).ranges)
 
 

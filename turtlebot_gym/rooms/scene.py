@@ -136,17 +136,9 @@ def make_scenes(
     people: int = 0,
     same_lidar: bool = False,
 ) -> Scene:
-    """Return empty arrays for rooms up to a size.
+    """Return empty arrays for a number of rooms with at most so many obstacles, people (circles, too) and beams of a LiDAR.
 
-    Args:
-        number: Number of rooms.
-        circles: Most circles in a room.
-        boxes: Most boxes.
-        length: Largest extent along x, m.
-        width: Largest extent along y, m.
-        beams: Most beams per revolution of a LiDAR.
-        people: Most circles that are people.
-        same_lidar: Whether all robots have the same LiDAR.
+    Length and width are their largest extents along x and y, m; ``same_lidar`` says whether all robots have the same LiDAR.
 
     Raises:
         ValueError: If the paths of such a room would take more than `MAX_CELLS`.

@@ -124,7 +124,7 @@ def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -
 
     Args:
         scene: The room.
-        rays: Shape (`ROOM`,): five runs of up to `BLOCK` numbers: x and y of the rays' origins, close to each other, m; x
+        rays: Shape (`ROOM`,): five runs of up to `BLOCK` numbers: x and y of the n rays' origins, close to each other, m; x
             and y of their directions, unit vectors; and their lengths, the output, m. The rest is scratch space.
         n: Number of rays.
         reach: Distance from the first origin beyond which obstacles may be missed, m.
@@ -221,16 +221,8 @@ def measure(
 ) -> None:
     """Measure beams while the robot moves from one pose to another, and publish scans in the scene as they complete.
 
-    Args:
-        scene: The room; receives the ranges and the sectors of the scan.
-        before: Pose at the start of the interval.
-        now: Pose at its end.
-        first: Number of the first beam to measure.
-        last: Number after the last beam to measure.
-        start: Time at the start of the interval, s.
-        key: Key of the episode's scans.
-        lidar: The LiDAR.
-        dt: The interval, s.
+    The interval begins at ``start``, s, and lasts dt; beams are measured from the number ``first`` up to ``last``, with draws
+    by the key of the episode's scans.
     """
     revolution, turn = int(lidar.beams), wrap(now.theta - before.theta)
     bias, sweeping, newest = bias_of(key, lidar), scene.lidar.ranges[0], scene.lidar.ranges[1]

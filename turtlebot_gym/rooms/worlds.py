@@ -23,12 +23,8 @@ _GAZEBO, _MAPS = (".world", ".sdf"), (".yaml", ".yml")
 def find_world(world: World) -> RoomRules | FloorPlan:
     """Return the rules or the floor plan of a world.
 
-    Args:
-        world: A name in `rules.ROOMS`, the path of a Gazebo world or of a map, rules or a mapping of some of their fields or a
-            variant, or a floor plan.
-
-    Raises:
-        ValueError: If there is no such world, or its file cannot be read.
+    It is a name in `rules.ROOMS`, the path of a Gazebo world or of a map, a floor plan, or rules and what else
+    `turtlebot_gym.config.given` takes; a ``ValueError`` refuses others, and files that cannot be read.
     """
     if isinstance(world, FloorPlan):
         return world
@@ -79,12 +75,7 @@ def find_lidar(lidar: str | Path | Mapping[str, Any] | Lidar) -> Lidar:
 
 
 def require_a_way(plan: FloorPlan, radius: float, way: float) -> None:
-    """Refuse a floor plan without a path from start to goal for a robot of a radius, m.
-
-    Args:
-        plan: The plan.
-        radius: Radius of the robot, m.
-        way: Remaining path length at an episode's start, see `geodesic.way_left`, m.
+    """Refuse a floor plan without a path from start to goal for a robot of a radius, m, by `geodesic.way_left` at the start.
 
     Raises:
         ValueError: If there is no path from its start to its goal, or between any two places that were tried.
