@@ -154,3 +154,14 @@ def test_the_times_of_a_message_are_read():
     assert Ages(clock()).age_of(info, header, 100.0)[:2] == (pytest.approx(0.25, abs=1e-5), pytest.approx(0.5, abs=1e-5))
     info["source_timestamp"] = 0
     assert Ages(clock()).age_of(info, None, 100.0).dated is False
+
+
+def test_a_gap_does_not_make_it_forget_the_clock_before():
+    ages = Ages(clock((100.0, 0.0), (130.0, -29.0)))  # set back by 29 s in 30 s of sleep
+    assert age(ages, 130.0, source=100.9).sent == pytest.approx(29.1, abs=1e-5)
+
+
+def test_a_slewed_clock_is_followed():
+    seen = clock(*((100.0 + 0.02 * k, -1e-5 * k) for k in range(5000)))  # 500 ppm for 100 s
+    assert (len(seen.offsets), seen.steps) == (1, 0)
+    assert age(Ages(seen), 200.0, source=199.9 - 0.05).sent == pytest.approx(0.1, abs=1e-4)
