@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -34,29 +35,26 @@ class Track:
     """
 
     def __init__(self, now: float) -> None:
-        self._times, self._motions, self._commands = [now], [Motion((0.0, 0.0, 0.0), 0.0, 0.0)], [STOP]
+        self._log = [(now, Motion((0.0, 0.0, 0.0), 0.0, 0.0), STOP)]
 
     @property
     def command(self) -> Command:
         """The command in force."""
-        return self._commands[-1]
+        return self._log[-1][2]
 
     def add(self, command: Command, now: float) -> None:
         """Record the command of the wheels from now on."""
-        motion = self.at(now)
-        old = bisect_right(self._times, now - MEMORY) - 1
-        if old > 0:
-            del self._times[:old], self._motions[:old], self._commands[:old]
-        self._times.append(now)
-        self._motions.append(motion)
-        self._commands.append(command)
+        self._log = [*self._log[self._index(now - MEMORY) :], (now, self.at(now), command)]
 
     def at(self, time: float) -> Motion:
         """Return the motion up to a time."""
-        k = max(bisect_right(self._times, time) - 1, 0)
-        motion, command, dt = self._motions[k], self._commands[k], max(time - self._times[k], 0.0)
+        since, motion, command = self._log[self._index(time)]
+        dt = max(time - since, 0.0)
         way, turned = motion.way + abs(command.v) * dt, motion.turned + abs(command.omega) * dt
         return Motion(moved(motion.pose, command, dt), way, turned)
+
+    def _index(self, time: float) -> int:
+        return max(bisect_right(self._log, time, key=itemgetter(0)) - 1, 0)
 
 
 def moved(pose: tuple[float, float, float], command: Command, dt: float) -> tuple[float, float, float]:
