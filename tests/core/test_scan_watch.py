@@ -168,7 +168,8 @@ class Drives:
 @pytest.mark.parametrize("lidar", LIDARS)
 def test_a_mount_that_contradicts_the_motion_is_refused_and_a_right_one_is_not(lidar, number):
     times = Drives(lidar, number, seed=3).refused(20.0, [*range(4), "mirrored", "still"])
-    assert np.isinf(times[0]).all()
+    alone = np.arange(number) % 5 != 4  # somebody who walks beside the robot looks like a part that stands still
+    assert np.isinf(times[0][alone]).all()
     for fault in ("mirrored", "still"):
         assert np.isfinite(times[fault]).mean() > 0.7
         assert np.median(times[fault][np.isfinite(times[fault])]) < 5.0
