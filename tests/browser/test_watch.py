@@ -1,4 +1,4 @@
-"""The viewer in a real browser: it draws, plays, selects times, compares drives, and asks for nothing.
+"""The viewer in a real browser: it opens, draws on screens and phones, plays, and asks for nothing.
 
 Where ``SCREENSHOTS`` names a folder, pictures and figures are left there, to be looked at.
 """
@@ -6,7 +6,6 @@ Where ``SCREENSHOTS`` names a folder, pictures and figures are left there, to be
 import io
 import json
 import os
-import re
 import statistics
 import time
 from pathlib import Path
@@ -36,11 +35,6 @@ SCRUB = """async (turns) => {
         taken.push(performance.now() - begun)
     }
     return taken
-}"""
-FRAME = """name => {
-    const figure = Bokeh.documents[0].get_model_by_name(name), view = Bokeh.index.get_one(figure)
-    const {left, top} = view.el.getBoundingClientRect(), {x, y, width, height} = view.frame.bbox
-    return {x: left + x, y: top + y, width, height, start: figure.x_range.start, end: figure.x_range.end}
 }"""
 SIZE_LIMIT, OPEN_LIMIT, SCRUB_LIMIT = 3_000_000, 2.0, 0.1
 """Of a drive of 60 s: greatest size of its file, bytes; longest time to open it, and median time to draw another moment, s."""
@@ -96,15 +90,6 @@ class Visit:
         """Return the pixels of the page, or of a part of it."""
         shot = self.page.locator(selector).first.screenshot() if selector else self.page.screenshot()
         return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
-
-    def choose(self, drive):
-        """Look at one drive, the others pale; -1 for all."""
-        self.page.select_option("#drive", str(drive))
-        self.page.wait_for_timeout(200)
-
-    def frame(self, name):
-        """Return the frame of a figure, in pixels of the page, and its range of x."""
-        return self.page.evaluate(FRAME, name)
 
     def close(self):
         self.page.close()
@@ -197,36 +182,3 @@ def test_it_plays_pauses_and_scrubs(visit, long_url):
     seen.seek(60.0)
     seen.page.keyboard.press("Space")  # from the end it plays again
     seen.page.wait_for_function("window.watch.time > 0 && window.watch.time < 55", timeout=5_000)
-
-
-def test_numbers_are_those_of_the_drive(visit, long_url, long_drive):
-    seen = visit(long_url)
-    for row in (0, 100, 555):
-        seen.seek(float(long_drive.time[row]))
-        readout = seen.page.inner_text("#readout0")
-        off = np.hypot(*(long_drive.estimate - long_drive.true_state)[row, :2])
-        for name, value, digits in (
-            ("NIS", long_drive.nis[row], 1),
-            ("clearance", long_drive.clearance[row], 2),
-            ("estimate off by", off, 3),
-        ):
-            assert float(re.search(rf"{name} (-?[\d.]+)", readout)[1]) == pytest.approx(value, abs=0.51 * 10**-digits), name
-
-
-def middle_of(seen, selector=".map"):
-    box = seen.page.locator(selector).first.bounding_box()
-    return box["x"] + 0.6 * box["width"], box["y"] + 0.4 * box["height"]
-
-
-def test_no_request_leaves_the_machine_whatever_is_done(visit, pair, tmp_path):
-    Page(drives=pair, title="Two").save(tmp_path / "pair.html")
-    url = (tmp_path / "pair.html").as_uri()
-    seen = visit(url, motion="no-preference")
-    seen.page.mouse.move(*middle_of(seen))
-    seen.page.mouse.wheel(0, -300)
-    for key in ("r", "End", "Home", "Space"):
-        seen.page.keyboard.press(key)
-    for button in seen.page.locator("button:visible").all():
-        button.click()
-    seen.page.wait_for_timeout(500)
-    assert seen.requests == [url]

@@ -18,14 +18,10 @@ class Block(NamedTuple):
     line: int
 
 
-def parsed(path):
-    return MarkdownIt("commonmark").enable("table").parse(path.read_text(encoding="utf-8"))
-
-
 def blocks_of(path):
     """Return the code blocks of a page; a title is the name of the file that a block is."""
     blocks = []
-    for token in parsed(path):
+    for token in MarkdownIt("commonmark").parse(path.read_text(encoding="utf-8")):
         if token.type == "fence":
             kind, _, rest = token.info.partition(" ")
             title = rest.removeprefix('title="').removesuffix('"')

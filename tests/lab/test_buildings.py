@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from buildings import chart, load
-from turtlebot_gym.drive import heading_error, position_error
+from turtlebot_gym.drive import position_error
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.localizer import LOST
 from turtlebot_gym.localization.tuning import ROBOT
@@ -59,28 +59,3 @@ def test_time_stamps_of_complete_scans_change_nothing(stretch):
         stamped = follow(stretch, start, recorded._replace(time=stamps, last=stamps))
         np.testing.assert_array_equal(stamped.poses, course.poses)
         np.testing.assert_array_equal(stamped.covariances, course.covariances)
-
-
-def after_one_scan(stretch, off):
-    """Return the errors of position and heading of starts at places all along the way, each off by the same."""
-    drive, chart = stretch
-    errors = []
-    for row, true in zip(drive.rows[::6].tolist(), drive.reference[::6], strict=True):
-        pose = localize(drive.recorded, KnownPlace(*chart, ROBOT, Pose(*(true + off)), KNOWN, row)).poses[row]
-        errors.append((position_error(pose, true), heading_error(pose, true)))
-    return np.array(errors).T
-
-
-@pytest.mark.parametrize("turn", [0.3, -0.3])
-def test_one_scan_corrects_a_start_that_is_turned(stretch, turn):
-    position, heading = after_one_scan(stretch, (0.0, 0.0, turn))
-    assert position.max() < 0.1
-    assert heading.max() < 0.03
-
-
-@pytest.mark.parametrize("shift", [(0.3, 0.0), (0.0, -0.3)])
-def test_one_scan_corrects_a_start_that_is_shifted_unless_along_a_corridor(stretch, shift):
-    position, heading = after_one_scan(stretch, (*shift, 0.0))
-    assert np.median(position) < 0.1
-    assert position.max() < 0.3  # along a corridor a scan says little
-    assert heading.max() < 0.03

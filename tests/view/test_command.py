@@ -25,18 +25,10 @@ def test_an_invalid_seed_is_refused_by_name(seed, capsys, tmp_path, monkeypatch)
     assert line.startswith("turtlebot-gym: seed must be a whole number from 0 to ")
 
 
-@pytest.mark.parametrize(
-    ("options", "cause"),
-    [
-        (["--policy", *["bearing"] * 7], "a view shows 1 to 6 drives, got 7."),
-    ],
-)
-def test_what_cannot_be_shown_is_refused(options, cause, capsys, tmp_path, monkeypatch):
-    pytest.importorskip("bokeh")
+def test_more_drives_than_there_are_colours_are_refused(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("turtlebot_gym_agents.evaluation.recording.record_episode", lambda *_, **__: pytest.fail("driven"))
-    assert main(["watch", *options, "--html", str(tmp_path / "a.html")]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"turtlebot-gym: {cause}")
+    assert main(["watch", "--policy", *["bearing"] * 7, "--html", str(tmp_path / "a.html")]) == 2
+    assert capsys.readouterr().err == "turtlebot-gym: a view shows 1 to 6 drives, got 7.\n"
 
 
 def test_the_page_of_policies_is_an_object_for_notebooks():

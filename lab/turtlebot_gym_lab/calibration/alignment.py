@@ -37,14 +37,11 @@ NO_SHIFT = Shift(0.0, 0.0, 0.0, False)
 
 
 class Frame(NamedTuple):
-    """Pose of the measured poses' frame in the truth's frame."""
+    """Pose of the measured poses' frame in the truth's frame; m, m, rad."""
 
     x: float
-    """m"""
     y: float
-    """m"""
     theta: float
-    """rad"""
     is_other: bool
     """Whether the two frames differ, rather than one frame with a bias."""
 

@@ -50,14 +50,8 @@ def pieces_of(
 ) -> Pieces:
     """Return the pieces of a drive of one length.
 
-    Args:
-        path: The path by the recorded twists.
-        truth: Poses at its rows, shape (T, 3); NaN where unknown.
-        wheels: The wheels' parameters, shape (8,).
-        integrator: The integrator, a value of `models.unicycle.Integrator`.
-        length: Length of a piece, m.
-        overlap: Pieces that begin in that length.
-        by_way: Count the way alone, and not turns.
+    A length, m, counts turns too, unless `by_way`; as many pieces as ``overlap`` begin in it. Unknown poses of the truth are
+    NaN.
     """
     windows = windows_of(path, truth, length, overlap=overlap, by_way=by_way)
     off = rest(path, windows, wheels, integrator)
@@ -128,9 +122,7 @@ _POWERS = np.array([1.0, 1.0, 1.0, 1.0, 2.0, 2.0])
 def fit_alphas(sets: Sequence[Pieces], usual: Sequence[float]) -> AlphaFit:
     """Return the likeliest alphas for pieces of some lengths, which count together as much as those of the last length alone.
 
-    Args:
-        sets: Pieces of each length, that do not overlap.
-        usual: The four alphas of the prior.
+    The sets do not overlap; the usual alphas are the prior.
 
     Raises:
         ValueError: If there are none.

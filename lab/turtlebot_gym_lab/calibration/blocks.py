@@ -28,9 +28,7 @@ def block_sums(values: Array, blocks: int) -> Array:
 def correlation(errors: Array, blocks: int) -> float:
     """Return how many rows count as one independent row: the variance of block sums over that of independent rows, at least 1.
 
-    Args:
-        errors: Shape (n, axes), with mean 0.
-        blocks: Number of blocks.
+    Errors have the shape (n, axes) and the mean 0.
     """
     power = float((errors**2).sum())
     return max(float((block_sums(errors, blocks) ** 2).sum()) / power, 1.0) if power > 0.0 else 1.0
@@ -39,11 +37,8 @@ def correlation(errors: Array, blocks: int) -> float:
 def covariance_of(scores: Array, information: Array, prior: Array, blocks: int) -> Array:
     """Return the covariance of parameters that minimize squares, by how they change without each block, shape (m, m).
 
-    Args:
-        scores: What each row pulls at the parameters, shape (n, m).
-        information: Second derivatives of half the squares of each row, shape (n, m, m).
-        prior: Inverse variances of the prior, shape (m,); what rows leave open keeps the variance of the prior.
-        blocks: Number of blocks.
+    Scores, shape (n, m), are what each row pulls at the parameters, and the information, shape (n, m, m), the second
+    derivatives of half its squares; what rows leave open keeps the prior's variance.
     """
     parts = block_sums(information, blocks)
     total = parts.sum(axis=0) + np.diag(prior)

@@ -179,10 +179,7 @@ def of_share(happened: int, among: int, remedy: str) -> CalibrationEstimate:
 def by_truth(drive: Drive, start: Noise, truth_deviations: tuple[float, float]) -> tuple[Noise, dict[str, CalibrationEstimate]]:
     """Fit the noise of measured poses to the truth, and return the likeliest model and what was fitted.
 
-    Args:
-        drive: The drive.
-        start: Noise model; only its odometry is fitted.
-        truth_deviations: Standard deviations of the truth, m and rad.
+    The truth has standard deviations of its own, m and rad; only the model's odometry is fitted.
 
     Raises:
         ValueError: If fewer than `FEWEST` measured poses have a true one beside them.

@@ -72,11 +72,7 @@ class Execution(NamedTuple):
 def fit_execution(drive: Drive, start: Noise, integrator: str | None, delay: float | None) -> Execution:
     """Fit the execution of twists to a drive with truth.
 
-    Args:
-        drive: The drive.
-        start: Noise model whose alphas are the usual ones, and whose wheels are as assumed.
-        integrator: "euler" or "midpoint"; None for the one that explains the motion better.
-        delay: Time by which the motion lags behind the recorded twist, s; None to find it.
+    The model has the usual alphas, and wheels as assumed; an integrator or a delay of None is found.
 
     Raises:
         ValueError: If the truth shows too little motion.

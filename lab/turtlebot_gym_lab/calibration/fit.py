@@ -32,7 +32,6 @@ ACCURATE = 0.02
 """Tolerance on a profile's end, in standard deviations."""
 FAR = 8.0
 """Standard deviations beyond which the search for an interval's end stops: the drive sets no bound."""
-
 CONVERGED = 5e-3
 """Gain in log-likelihood below which no further step is made."""
 BEND = (0.02, 0.3)
@@ -133,10 +132,7 @@ def climb(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector
 def maximize(likelihood: Likelihood, start: Vector, scales: Vector) -> Fit:
     """Return the maximum of a likelihood.
 
-    Args:
-        likelihood: Log-likelihood as a function of coordinates, shape (n,).
-        start: Start of the search, shape (n,).
-        scales: Typical step of each coordinate, shape (n,).
+    It is a function of n coordinates; ``scales`` are typical steps of these.
     """
     cost = _finite(likelihood)
 
@@ -199,11 +195,7 @@ def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.
     The quadratic interval holds if the deviance at its ends is as predicted, with the other coordinates at the
     quadratic's optimum.
 
-    Args:
-        likelihood: The log-likelihood.
-        fit: Its maximum.
-        at: Index of the coordinate.
-        least: Lower bound of the coordinate; the interval begins there if the drive does not exclude it.
+    It begins at ``least`` if the drive does not exclude that.
 
     Returns:
         Its ends, and whether one of them comes from the profile likelihood.

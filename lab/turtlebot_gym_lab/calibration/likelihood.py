@@ -83,9 +83,6 @@ def tuning_of(noise: Noise) -> FilterTuning:
 def innovations(rows: Rows, noise: Noise, *, integrator: float) -> float:
     """Return the log-likelihood of poses, each given those before it, up to a constant.
 
-    Args:
-        rows: The drive.
-        noise: Noise of the execution and of the poses. For true poses, its R says how well they are known.
-        integrator: The integrator, a value of `models.unicycle.Integrator`.
+    Of true poses the noise's R says how well they are known.
     """
     return _of_innovations(*rows, as_tuple(tuning_of(noise)), noise.odometry.bias, integrator)

@@ -40,10 +40,7 @@ def check(drive: Drive, robot: Robot, where: str) -> None:
 def require_units(drive: Drive, robot: Robot, where: str) -> None:
     """Refuse a drive that is not in metres, seconds and radians.
 
-    Args:
-        drive: The drive.
-        robot: Robot whose speed limits say which speeds are possible.
-        where: The file, for messages.
+    The limits of a robot say which speeds are possible.
 
     Raises:
         ValueError: If a speed is impossible, or a heading is in degrees; the message says what to do.

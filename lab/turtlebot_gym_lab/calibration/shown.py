@@ -37,8 +37,6 @@ class Drift(NamedTuple):
 
     length: NDArray[np.float64]
     """Lengths of the pieces, shape (m,), m."""
-    pieces: NDArray[np.intp]
-    """Number of pieces, shape (m,)."""
     measured: NDArray[np.float64]
     """Root mean square of the position's error and of the heading's, shape (m, 2); m, rad."""
     fitted: NDArray[np.float64]
@@ -56,10 +54,7 @@ def residuals(calibration: Calibration) -> Residuals:
 def drift(calibration: Calibration, noise: Noise | None = None, *, lengths: Sequence[float] = LENGTHS) -> Drift:
     """Return the error of wheel odometry after some distances, and its prediction by a noise model.
 
-    Args:
-        calibration: The calibration, with truth.
-        noise: The noise model; None for the one that was fitted.
-        lengths: The distances, m; a turn by 1 rad counts as `windows.LEVER`.
+    By default the noise model is the one that was fitted; a turn by 1 rad counts as `windows.LEVER` of the distances, m.
     """
     noise = noise or calibration.likeliest
     rule, process = INTEGRATORS[calibration.integrator], noise.process
@@ -71,6 +66,6 @@ def drift(calibration: Calibration, noise: Noise | None = None, *, lengths: Sequ
             C, squares = pieces.covariance(variances), (pieces.off**2).mean(axis=0)
             fitted = np.diagonal(C, axis1=1, axis2=2).mean(axis=0)
             roots = np.sqrt([squares[:2].sum(), squares[2], fitted[:2].sum(), fitted[2]])
-            table.append((length, len(pieces.off), *roots))
-    columns = np.array(table, np.float64).reshape(-1, 6)
-    return Drift(columns[:, 0], columns[:, 1].astype(np.intp), columns[:, 2:4], columns[:, 4:6])
+            table.append((length, *roots))
+    columns = np.array(table, np.float64).reshape(-1, 5)
+    return Drift(columns[:, 0], columns[:, 1:3], columns[:, 3:5])

@@ -29,10 +29,7 @@ JUDGED = 0.5
 def cleaned(drive: Drive, wheels: Array, integrator: float) -> tuple[Drive, str]:
     """Return a drive without the truth's wrong poses, cut where its frame leaps, and a remark; nothing if it has none.
 
-    Args:
-        drive: The drive.
-        wheels: The wheels' parameters, shape (8,), robustly fitted.
-        integrator: The integrator, a value of `models.unicycle.Integrator`.
+    The wheels' parameters, shape (8,), are robustly fitted.
     """
     path = path_of(drive)
     rows, motion = np.flatnonzero(known(drive.truth)), path.motion

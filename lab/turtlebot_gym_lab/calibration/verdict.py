@@ -74,11 +74,8 @@ def judge(
 ) -> tuple[Verdict, float]:
     """Return the verdict on a kind of fit, and by what its variances must be multiplied to be honest, at least 1.
 
-    Args:
-        drive: With the truth of the middle of the axle.
-        fit: Returns wheels, shape (8,), and variances, shape (6,), of a part; a `ValueError` says that it is too short.
-        variances: Of the noise that raw odometry is judged by, shape (6,).
-        integrator: The integrator, a value of `models.unicycle.Integrator`.
+    The drive has the truth of the axle's middle. ``fit`` returns wheels, shape (8,), and variances, shape (6,), of a part, or
+    says by a `ValueError` that it is too short; raw odometry is judged by some variances.
     """
     first, second = halves(drive)
     try:

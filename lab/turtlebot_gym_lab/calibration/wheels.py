@@ -70,18 +70,8 @@ def fit_wheels(
 ) -> WheelFit:
     """Fit wheels to the windows of a drive.
 
-    What the drive does not determine has its usual value, and its uncertainty counts for the others.
-
-    Args:
-        path: The path by the recorded twists.
-        windows: The windows, in order; they may overlap.
-        integrator: The integrator, a value of `models.unicycle.Integrator`.
-        given: Parameters that are known, shape (8,); NaN for those to be fitted. None to fit all.
-        start: Where the search starts, shape (8,); None to find scales and delay.
-        covariance: Covariance of each window's error up to a factor, shape (n, 3, 3); None if that is the same for all.
-
-    Raises:
-        ValueError: If there are too few windows.
+    What the drive does not determine has its usual value, and its uncertainty counts for the others. Parameters, shape (8,),
+    may be given, NaN for those to be fitted, and so may a start and the covariance of each window's error up to a factor.
     """
     blocks = min(int(_independent(windows)) // LONG, MOST)
     if blocks < FEWEST:

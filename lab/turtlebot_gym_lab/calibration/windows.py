@@ -93,12 +93,7 @@ def length_for(path: Path) -> float:
 def windows_of(path: Path, poses: Array, length: float, *, overlap: int = OVERLAP, by_way: bool = False) -> Windows:
     """Return the windows of a drive.
 
-    Args:
-        path: The path by the wheels.
-        poses: Poses at its rows, shape (T, 3); NaN where unknown.
-        length: Length of a window, m.
-        overlap: Windows that begin in that length.
-        by_way: Count the way alone, and not turns.
+    A length, m, counts turns too, unless `by_way`; as many windows as ``overlap`` begin in it. Unknown poses are NaN.
     """
     rows = np.flatnonzero(known(poses))
     motion = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path.way)))]) if by_way else path.motion
@@ -117,11 +112,7 @@ def windows_of(path: Path, poses: Array, length: float, *, overlap: int = OVERLA
 def driven(path: Path, wheels: Array, times: Array, integrator: float = 0.5) -> Array:
     """Return where wheels are at some times, from their pose at the first row, shape (n, 3).
 
-    Args:
-        path: The path by the recorded twists.
-        wheels: The parameters, shape (8,).
-        times: Shape (n,), s, by the clock of the twist.
-        integrator: The integrator, a value of `models.unicycle.Integrator`.
+    Parameters have the shape (8,), and times, s, are by the clock of the twist.
     """
     scale, turn_scale, veer, drift = wheels[:4]
     turned = scale * (turn_scale * path.turn + veer * path.way) - drift * (path.time - path.time[0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,28 +42,14 @@ def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
     for name, estimate in fitted.estimates.items():
         value = f"{estimate.value:.4g}" if estimate.is_determined else "not determined"
         table.add_row(name, value, interval_text(estimate), estimate.unit, _in_file(fitted, name))
-    return [table, *tables_beside(fitted.estimates, fitted.remarks, fitted.unknown)]
-
-
-def tables_beside(
-    estimates: Mapping[str, CalibrationEstimate], remarks: Sequence[str], unknown: Mapping[str, str] | None = None
-) -> list[Table]:
-    """Return tables of what a log does not determine, with the motion that would, and of remarks; none that is empty.
-
-    Args:
-        estimates: The estimates by name.
-        remarks: Remarks on the log.
-        unknown: Remedies for numbers of which there is no estimate, by name.
-    """
-    open_ = {name: estimate.remedy for name, estimate in estimates.items() if not estimate.is_determined} | dict(unknown or {})
-    tables = []
-    if open_:
+    tables, lacking = [table], {name: each.remedy for name, each in fitted.estimates.items() if not each.is_determined}
+    if lacking | fitted.unknown:
         tables.append(Table("not determined by this log", "what would determine it"))
-        for name, remedy in open_.items():
+        for name, remedy in (lacking | fitted.unknown).items():
             tables[-1].add_row(name, remedy)
-    if remarks:
+    if fitted.remarks:
         tables.append(Table("found in the log"))
-        for remark in remarks:
+        for remark in fitted.remarks:
             tables[-1].add_row(remark)
     return tables
 

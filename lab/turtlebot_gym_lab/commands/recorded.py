@@ -13,10 +13,7 @@ TOPICS = Topics()
 def reading(truth: str, columns: Sequence[str], topics: Topics) -> dict[str, Any]:
     """Return the options of `turtlebot_gym_lab.drives.read`.
 
-    Args:
-        truth: auto or none for what the recording itself holds; else a topic or a table.
-        columns: Names of a table's columns, as QUANTITY=COLUMN.
-        topics: Topics of a bag.
+    A truth of auto or none is what the recording itself holds, and columns are QUANTITY=COLUMN.
     """
     named = {name: column for name, _, column in (pair.partition("=") for pair in columns)}
     return {"topics": topics, "columns": named, "truth": None if truth in ("auto", "none") else truth}

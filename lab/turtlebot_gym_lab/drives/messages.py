@@ -146,10 +146,7 @@ class DriveListener:
     def hear(self, topic: str, message: Any, received: float) -> None:
         """Take a message.
 
-        Args:
-            topic: A key of `TYPES`.
-            message: The message; one with an empty stamp counts from when it was received.
-            received: When it was received, s.
+        The topic is a key of `TYPES`; a message with an empty stamp counts from when it was received, s.
         """
         if topic in ("tf", "tf_static"):
             self.transforms.hear(message, received)
@@ -182,9 +179,7 @@ class DriveListener:
     def rows(self, time: NDArray[np.float64], *, start: float = 0.0) -> Drive:
         """Return rows.
 
-        Args:
-            time: Stamps on ``odom``, shape (T,), s.
-            start: Time that counts as 0, s.
+        Stamps on ``odom`` are in s; ``start`` counts as 0.
         """
         odom, truth = self["odom"].held(time, 5, fresh=0.0), self["true_state"].held(time, 5)
         truth[:, :3] = self["true_state"].interpolated(time)

@@ -78,9 +78,7 @@ def read(
 def pose_sensors(path: str | Path, *, truth: str = "") -> list[str]:
     """Return the topics of a bag that state measured poses: the first usual one, or all others; nothing for other recordings.
 
-    Args:
-        path: The recording.
-        truth: Topic of the truth, which is no measurement.
+    The topic of the truth is none of them.
     """
     return sensors_of(Path(path), truth.partition(":")[0]) if is_bag(Path(path)) else []
 

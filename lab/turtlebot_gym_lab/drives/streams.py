@@ -46,9 +46,7 @@ class Stream:
     def last(self, wanted: NDArray[np.float64], *, fresh: float = math.inf) -> NDArray[np.intp]:
         """Return the index of the last value at or before each wanted time; -1 if there is none, or it is too old.
 
-        Args:
-            wanted: Shape (n,), s.
-            fresh: Greatest age of a value, s.
+        A value counts up to an age, s.
         """
         times = np.array(self.times)
         at = np.searchsorted(times, wanted + SAME, side="right") - 1
@@ -105,10 +103,7 @@ def between(time: NDArray[np.float64], poses: NDArray[np.float64], wanted: NDArr
 def interpolated(time: NDArray[np.float64], poses: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
     """Interpolate poses at other times, shape (n, 3); NaN where the known poses on either side are too far apart.
 
-    Args:
-        time: Shape (T,), s; increasing.
-        poses: Known poses, shape (T, 3); m, m, rad; or positions, with NaN for the headings.
-        wanted: The other times, shape (n,), s.
+    Times increase, s; poses may be positions, with NaN for the headings.
     """
     placed = between(time, poses, wanted)
     placed[:, 2] = wrap_all(placed[:, 2])
@@ -124,10 +119,7 @@ def headings(time: NDArray[np.float64], positions: NDArray[np.float64], speed: N
 
     The chord of an arc is parallel to the tangent in its middle.
 
-    Args:
-        time: Shape (T,), s.
-        positions: Shape (T, 2), m.
-        speed: Shape (T,), m/s; negative where the robot drives backwards.
+    Speeds are negative where the robot drives backwards, m/s.
     """
     are_known = np.isfinite(positions).all(axis=1)
     poses = np.column_stack([positions[are_known], np.full(are_known.sum(), np.nan)])

@@ -29,9 +29,7 @@ class Transforms:
     def poses(self, frames: str, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return where a frame is in another one at some times, shape (n, 3); m, m, rad; NaN where it is unknown.
 
-        Args:
-            frames: ``PARENT.CHILD``, as evo names them, or ``CHILD`` in the frame above all others.
-            time: Shape (n,), s.
+        Frames are ``PARENT.CHILD``, as evo names them, or ``CHILD`` in the frame above all others; times are in s.
 
         Raises:
             ValueError: If the child is not below the parent.

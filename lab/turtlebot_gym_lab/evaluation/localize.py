@@ -26,8 +26,6 @@ STILL, UNTURNED = 0.02, 0.01
 """Distance and turn since the last used scan, m and rad, up to which a scan says nothing new and is left out ..."""
 STALE = 6
 """... unless so many before it were left out, or the place is in doubt."""
-
-
 KNOWN = (0.01, 0.01, 0.001)
 """Variances of a start that is a true pose; m^2, m^2, rad^2."""
 

@@ -41,9 +41,7 @@ ANY_ROBOT = Robot(max_linear=1.0, max_angular=3.0)
 def replayable(drive: Drive, *, recorded: bool = False) -> Drive:
     """Return the longest stretch of a drive whose rows continue each other and that begins and ends with a true pose.
 
-    Args:
-        drive: The drive.
-        recorded: Whether its measured poses are replayed: then the stretch begins with one, and the truth is in their frame.
+    If its measured poses are replayed, the stretch begins with one, and the truth is in their frame.
 
     Raises:
         ValueError: If there is no truth, no measured pose is to be replayed, or a unit is wrong.
@@ -80,12 +78,7 @@ def dead_reckoning(drive: Drive, *, start: Pose | None = None, integrator: str =
 
 
 def _segments(truth: NDArray[np.float64], length: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the first and last rows of consecutive segments of a drive that have a given length along the true path.
-
-    Args:
-        truth: True poses, shape (T, 3).
-        length: Length of a segment, m.
-    """
+    """Return the first and last rows of consecutive segments of a drive that have a given length along the true path."""
     rows = np.flatnonzero(known(truth))
     path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth[rows, :2], axis=0).T))])
     ends = rows[np.searchsorted(path, np.arange(0.0, path[-1], length))]
@@ -97,11 +90,7 @@ def drift(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the errors of position and heading at the end of each segment, for odometry that starts at the true pose.
 
-    Args:
-        poses: Odometry, shape (T, 3).
-        truth: True poses, shape (T, 3).
-        first: First row of each segment, shape (n,).
-        last: Last row of each segment, shape (n,).
+    Poses and truth have the shape (T, 3), and the first and last rows of segments (n,).
 
     Returns:
         Distances (n,), m, and signed angles (n,), rad.
@@ -210,11 +199,7 @@ def replay_seeds(
 ) -> Replayed:
     """Replay a drive with several seeds.
 
-    Args:
-        drive: The drive.
-        seeds: One or more seeds.
-        progress: Called after each seed.
-        **options: Passed to `replay`.
+    ``progress`` is called after each; the options are those of `replay`.
     """
     trajectories = []
     for seed in seeds:
@@ -245,13 +230,7 @@ def _mean_nees(replayed: Drive) -> float:
 
 
 def replay_figure(trajectory: Drive, wheels: NDArray[np.float64], *, title: str | None = None) -> Figure:
-    """Return a figure of a replayed drive: its trajectory, pose over time, and errors, with those of dead reckoning.
-
-    Args:
-        trajectory: The drive.
-        wheels: The poses by dead reckoning, shape (T, 3).
-        title: Title of the figure or table.
-    """
+    """Return a figure of a replayed drive: its trajectory, pose over time, and errors, with those of dead reckoning."""
     figure = tutorial_figure(trajectory, title=title)
     panels = {axes.get_label(): axes for axes in figure.axes}
     style: dict[str, Any] = {"color": PURPLE, "linestyle": ":", "linewidth": 1.5, "label": "wheels alone"}

@@ -72,11 +72,7 @@ def _roll(intervals: Any, twist: Any, pose: Any, integrator: float, poses: Any) 
 def rolled(intervals: NDArray[np.float64], twist: NDArray[np.float64], start: Pose, integrator: float) -> NDArray[np.float64]:
     """Return the poses to which a twist leads, shape (T, 3).
 
-    Args:
-        intervals: As in `Rows`.
-        twist: Speed and turning rate from the row before to each row, shape (T, 2); m/s, rad/s.
-        start: Pose of row 0.
-        integrator: The integrator, a value of `models.unicycle.Integrator`.
+    Twists, shape (T, 2), lead from the row before to each row.
     """
     poses = np.empty((len(twist), 3))
     _roll(intervals, twist, start, integrator, poses)
@@ -120,12 +116,7 @@ def _loop_of(filter: Filter) -> Callable[..., None]:
 def filtered(rows: Rows, tuning: FilterTuning, noise: OdometryNoise, *, seed: int, integrator: float) -> Filtered:
     """Run a filter over the rows of a drive.
 
-    Args:
-        rows: The drive.
-        tuning: The filter's.
-        noise: Noise of poses measured from the true ones.
-        seed: Seed of that noise.
-        integrator: The integrator, a value of `models.unicycle.Integrator`.
+    The noise is that of poses measured from the true ones.
     """
     filter, key = filter_of(tuning), episode_key(seed, 0)
     first = Odometry(_pose(rows.truth, 0), _command(rows.commands, 0), True)
