@@ -16,7 +16,7 @@ from turtlebot_gym.presets import WHEEL, matched
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 
 KEY, DT = episode_key(3, 0), 0.1
-BEFORE, AFTER = Pose(1.0, 2.0, 0.5), Pose(1.1, 2.05, 0.6)
+BEFORE, AFTER = Pose(1.5, 2.5, 0.5), Pose(1.6, 2.55, 0.6)
 
 
 def wheel(**numbers):
@@ -49,7 +49,7 @@ def test_a_reset_is_at_the_origin_and_reverse_motion_is_mirrored():
     assert counted(BEFORE, AFTER, 0.1, wheel(reset_probability=1.0), KEY, 1, DT) == Pose(0.0, 0.0, 0.0)
     noise = wheel(reverse_probability=1.0)
     assert counted(BEFORE, AFTER, 0.1, noise, KEY, 1, DT) == AFTER
-    assert counted(BEFORE, AFTER, -0.1, noise, KEY, 1, DT) == pytest.approx((0.9, 1.95, 0.6))
+    assert counted(BEFORE, AFTER, -0.1, noise, KEY, 1, DT) == pytest.approx((1.4, 2.45, 0.6))
 
 
 @pytest.mark.parametrize("gap_end", [1.0, 0.25])
