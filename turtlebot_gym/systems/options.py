@@ -192,7 +192,7 @@ class Options:
         names = [term.name for term in terms]
         where = "" if self.system else " in a room" if self.in_room else " on open ground"
         for name in weights:
-            choose(f"a term of reward{where} (MODULE:NAME for your own)", name, dict.fromkeys(names))
+            choose(f"reward{where} (a term, or MODULE:NAME of your own)", name, dict.fromkeys(names))
         return parameters._replace(
             reward=default_weights([term._replace(weight=weights.get(term.name, term.weight)) for term in terms])
         )
