@@ -10,54 +10,35 @@ Importing this package needs only Python, and its policies need only numpy, so t
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "BearingPolicy",
-    "Comparison",
-    "Deployment",
-    "DriveResult",
-    "Evaluation",
-    "ExportedPolicy",
-    "Policy",
-    "ProportionalPolicy",
-    "Training",
-    "compare",
-    "drive",
-    "evaluate",
-    "export",
-    "make_policy",
-    "replay",
-    "train",
-    "watch",
-]
+__all__ = ["BearingPolicy", "Deployment", "Policy", "ProportionalPolicy", "make_policy"]
+__all__ += ["compare", "drive", "evaluate", "export", "replay", "train", "watch"]
 
 if TYPE_CHECKING:
     from turtlebot_gym_agents.evaluation.evaluate import evaluate
-    from turtlebot_gym_agents.evaluation.result import Evaluation
-    from turtlebot_gym_agents.front.comparing import Comparison, compare
-    from turtlebot_gym_agents.front.driving import DriveResult, drive
-    from turtlebot_gym_agents.front.learning import Training, train
+    from turtlebot_gym_agents.front.comparing import compare
+    from turtlebot_gym_agents.front.driving import drive
+    from turtlebot_gym_agents.front.learning import train
     from turtlebot_gym_agents.front.satellites import replay, watch
     from turtlebot_gym_agents.policies import BearingPolicy, Deployment, Policy, ProportionalPolicy, make_policy
-    from turtlebot_gym_agents.training.export import ExportedPolicy, export
+    from turtlebot_gym_agents.training.export import export
 
 _HOMES = {
-    "evaluation.evaluate": ("evaluate",),
-    "evaluation.result": ("Evaluation",),
-    "front.comparing": ("Comparison", "compare"),
-    "front.driving": ("DriveResult", "drive"),
-    "front.learning": ("Training", "train"),
-    "front.satellites": ("replay", "watch"),
-    "training.export": ("ExportedPolicy", "export"),
-    "policies": ("BearingPolicy", "Deployment", "Policy", "ProportionalPolicy", "make_policy"),
+    "compare": "front.comparing",
+    "drive": "front.driving",
+    "evaluate": "evaluation.evaluate",
+    "export": "training.export",
+    "replay": "front.satellites",
+    "train": "front.learning",
+    "watch": "front.satellites",
 }
-_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+"""Modules of names that are not in ``policies``."""
 
 
 def __getattr__(name: str) -> Any:
     """Return a public name, imported at first use: --help does not wait for it, and commands first set up their threads."""
-    if name not in _HOME_OF:
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)
+    return getattr(import_module(f"{__name__}.{_HOMES.get(name, 'policies')}"), name)
 
 
 def __dir__() -> list[str]:

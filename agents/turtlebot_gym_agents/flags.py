@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import MISSING, fields
 from itertools import pairwise
 from textwrap import dedent
@@ -58,21 +58,21 @@ def texts_of(kind: type) -> dict[str, str]:
     return texts
 
 
-def keywords(kind: type, *left_out: str) -> Any:
-    """Return the fields of a dataclass as keyword arguments, none of which must be given: a `TypedDict`."""
+def keywords(kind: type, *left_out: str, last: Collection[str] = ()) -> Any:
+    """Return the fields of a dataclass as keyword arguments, none of which must be given; with some last."""
     texts, types = texts_of(kind), dict[str, Any]()
-    for item in fields(kind):
+    for item in sorted(fields(kind), key=lambda item: item.name in last):
         if item.init and item.name not in left_out:
             usual = "" if item.default in (None, MISSING) else f" (default {item.default})"
             types[item.name] = Annotated[Value, tyro.conf.arg(help=f"{texts[item.name]}{usual}")]
     return TypedDict(f"{kind.__name__}Fields", types, total=False)  # pyright: ignore
 
 
-def takes(kind: type, *left_out: str) -> Callable[[F], F]:
+def takes(kind: type, *left_out: str, last: Collection[str] = ()) -> Callable[[F], F]:
     """Return a decorator that gives the keyword arguments ``options`` of a function the fields of a dataclass, but for some."""
 
     def typed(function: F) -> F:
-        function.__annotations__["options"] = Unpack[keywords(kind, *left_out)]
+        function.__annotations__["options"] = Unpack[keywords(kind, *left_out, last=last)]
         return tyro.conf.configure(tyro.conf.OmitArgPrefixes)(function)
 
     return typed

@@ -7,6 +7,7 @@ import math
 import platform
 import subprocess
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import is_dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,16 +24,11 @@ LIBRARIES = ("numpy", "scipy", "gymnasium", "llvmlite", "stable-baselines3", "to
 
 def provenance() -> dict[str, Any]:
     """Return the origin of a result: this package's version and commit, and the libraries' versions."""
-    return {
-        "version": turtlebot_gym.__version__,
-        "commit": _commit(),
-        "libraries": libraries(),
-    }
-
-
-def libraries() -> dict[str, str | None]:
-    """Return the versions of Python and of the installed ones among `LIBRARIES`."""
-    return {"python": platform.python_version(), **dict(filter(all, map(_installed, LIBRARIES)))}
+    libraries = {"python": platform.python_version()}
+    for name in LIBRARIES:
+        with suppress(PackageNotFoundError):
+            libraries[name] = version(name)
+    return {"version": turtlebot_gym.__version__, "commit": _commit(), "libraries": libraries}
 
 
 def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, Any]) -> None:
@@ -75,13 +71,6 @@ def plain(value: Any) -> Any:
         return str(value)  # a preset that is given as an object says all its numbers
     kind = value if hasattr(value, "__qualname__") else type(value)  # a filter of one's own: its text may hold an address
     return f"{kind.__module__}:{kind.__qualname__}"
-
-
-def _installed(name: str) -> tuple[str, str | None]:
-    try:
-        return name, version(name)
-    except PackageNotFoundError:
-        return name, None
 
 
 def _commit() -> str | None:

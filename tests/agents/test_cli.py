@@ -1,23 +1,18 @@
 """The command line: results on standard output and in files, errors in one line, and status 2."""
 
 import json
-import os
 import re
 import subprocess
 import sys
 from contextlib import nullcontext
-from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from turtlebot_gym import Options
-from turtlebot_gym_agents.commands.cli import commands, main
+from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
-from turtlebot_gym_agents.flags import texts_of
-from turtlebot_gym_agents.training.config import TrainingConfig
 
 NAV, ROOMS = (f"turtlebot_gym/TurtleBot{task}-v0" for task in ("Nav", "Rooms"))
 
@@ -51,16 +46,6 @@ def test_evaluate_prints_tables_and_writes_all_combinations(tmp_path, capsys):
     assert run["summary"]["success"]["value"] == expected.summary()["success"].value
     np.testing.assert_allclose(run["episodes"]["time"], expected.episodes.time)
     assert paths[1].read_bytes().startswith(b"\x89PNG")
-
-
-def test_evaluate_draws_a_single_run(tmp_path, capsys):
-    path = tmp_path / "run.svg"
-    square = ["--env", "turtlebot_gym/TurtleBotSquare-v0", "--switch", "time", "--robot", "tutorial", "--arrival", "belief"]
-    assert main(["evaluate", *square, "--policy", "bearing", "--episodes", "2", "--plot", str(path)]) == 0
-    out = capsys.readouterr().out
-    assert "4.00" in out  # waypoints reached
-    assert "2 episodes from seed 0, robot tutorial, arrival belief, switch time" in out
-    assert path.read_text().count('id="axes_') == 9  # trajectory; x, y, heading; two commands; error; NEES, NIS
 
 
 MISSPELT = [
@@ -109,23 +94,6 @@ def test_invalid_arguments_are_refused_in_one_line_and_leave_nothing(arguments, 
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-@pytest.mark.parametrize(
-    "arguments", [[], ["fly"], ["evaluate", "--episodes", "1.5"], ["evaluate", "--episodes", "many"], ["evaluate", "--nosuch"]]
-)
-def test_wrong_usage_has_status_2(arguments, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(arguments)
-    assert stop.value.code == 2
-
-
-@pytest.mark.parametrize("arguments", [["--help"], *([name, "--help"] for name in commands())])
-def test_help_explains(arguments, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(arguments)
-    assert stop.value.code == 0
-    assert "usage: turtlebot-gym" in capsys.readouterr().out
-
-
 def test_a_users_policy_is_found_in_the_working_folder(tmp_path):
     (tmp_path / "mine.py").write_text("import numpy as np\ndef drive(o):\n    return np.ones((*o.shape[:-1], 2), np.float32)\n")
     script = Path(sys.executable).with_name("turtlebot-gym")
@@ -133,26 +101,6 @@ def test_a_users_policy_is_found_in_the_working_folder(tmp_path):
     done = subprocess.run([script, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "mine:drive" in done.stdout
-
-
-@pytest.mark.parametrize("seed", ["-1", str(2**63), str(2**80)])
-@pytest.mark.parametrize("name", ["evaluate", "train"])
-def test_an_invalid_seed_is_refused_by_name(name, seed, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main([name, "--seed", seed]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("turtlebot-gym: seed must be a whole number from 0 to ")
-
-
-def test_results_are_printed_whatever_the_terminal_can_show():
-    arguments = ["evaluate", "--policy", "bearing", "proportional", "--episodes", "3"]
-    environment = {**os.environ, "COLUMNS": "0", "PYTHONIOENCODING": "ascii"}
-    done = subprocess.run(
-        [sys.executable, "-m", "turtlebot_gym_agents", *arguments], env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert "to goal, s" in done.stdout
-    assert done.stdout.splitlines()[-1].endswith(".")
 
 
 def test_weights_and_biases_gets_the_configuration_and_reads_tensorboards_curves(tmp_path, monkeypatch, capsys):
@@ -173,13 +121,6 @@ def test_weights_and_biases_gets_the_configuration_and_reads_tensorboards_curves
     assert main([*short, "--out", str(tmp_path / "other")]) == 2
     assert "wandb is not installed: pip install 'turtlebot-gym[wandb]'." in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
-
-
-@pytest.mark.parametrize("kind", [Options, TrainingConfig])
-def test_each_option_has_a_text_in_the_help(kind):
-    texts = texts_of(kind)
-    for item in fields(kind):
-        assert len(texts[item.name].split()) > 1, item.name
 
 
 def test_a_value_is_yaml_and_several_are_compared(tmp_path):
@@ -221,13 +162,6 @@ def test_no_input_is_overwritten_even_with_force(words, tmp_path, monkeypatch, c
         (tmp_path / name).write_text("{}")
     assert main([*words.split(), "--force"]) == 2
     assert "it is an input of the same command" in capsys.readouterr().err
-
-
-def test_force_overwrites_and_folders_are_made(tmp_path):
-    path = tmp_path / "a" / "result.json"
-    for _ in range(2):
-        assert main(["evaluate", "--policy", "bearing", "--episodes", "2", "--json", str(path), "--force"]) == 0
-    assert json.loads(path.read_text())["runs"]
 
 
 def test_a_run_is_not_trained_over(tmp_path, capsys):

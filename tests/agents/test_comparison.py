@@ -55,15 +55,6 @@ def test_newcombes_interval_for_paired_shares(both, first, second, neither, low,
     np.testing.assert_allclose(interval, [(first - second) / len(events), low, high], rtol=0, atol=ROUNDED)
 
 
-def test_paired_shares_have_narrower_intervals_than_independent_ones():
-    first, second = np.arange(1000) % 10 != 0, np.arange(1000) % 9 != 0
-    paired = metrics.paired_share_difference(first, first & (np.arange(1000) != 5))
-    independent = metrics.share_difference(metrics.share(first), metrics.share(first))
-    assert paired.high - paired.low < 0.3 * (independent.high - independent.low)
-    difference = metrics.paired_share_difference(first, second)
-    assert difference.low < 0.0111 < difference.high
-
-
 @pytest.mark.parametrize(
     ("p_values", "adjusted"),
     [
@@ -181,12 +172,6 @@ def test_shares_over_trainings_have_the_stated_coverage(share, differ):
         assert missed(wrong, share) > 0.05 + 4.0 * MARGIN
 
 
-@pytest.mark.parametrize("shape", [(1, 10), (5, 1), (10,), (0, 3), (2, 2, 2)])
-def test_a_single_training_or_episode_is_refused(shape):
-    with pytest.raises(ValueError, match="at least two trainings and two episodes"):
-        comparison.spread(np.zeros(shape))
-
-
 def test_trainings_compared_with_a_baseline():
     options = {"episodes": 40, "noise": "rough"}
     learned = [evaluate(policy, **options) for policy in ("bearing", "proportional", "bearing")]
@@ -219,10 +204,6 @@ def with_(evaluation, **changes):
     return replace(evaluation, episodes=evaluation.episodes._replace(**changes))
 
 
-def in_room(evaluation, collisions):
-    return with_(evaluation, clearance=np.ones(N), collision=np.arange(N) < collisions)
-
-
 def test_the_slower_policy_is_reported_with_its_interval(driven):
     spread = np.tile([-0.1, 0.1], N // 2)  # the standard error of the mean is 0.1 / sqrt(N - 1)
     slow = with_(driven, time=10.5 + spread)
@@ -242,19 +223,6 @@ def test_goals_decide_before_time(driven):
     assert low < 10.0 < high  # percent
 
 
-def test_no_difference_is_reported_with_its_interval(driven):
-    spread = np.tile([-1.0, 1.0], N // 2)
-    (sentence,) = verdicts({"a": driven, "b": with_(driven, time=10.0 + spread)})
-    assert sentence.startswith("b is neither faster nor slower than a (-0.1")
-
-
-def test_collisions_are_reported_in_rooms(driven):
-    (sentence,) = verdicts({"a": in_room(driven, 0), "b": in_room(driven, 40)})
-    assert "; it collides " in sentence
-    assert sentence.endswith(" points more often.")
-    assert verdicts({"a": in_room(driven, 0), "b": in_room(driven, 0)})[0].endswith("; neither collides.")
-
-
 def test_policies_are_compared_in_the_same_setting_and_a_single_policy_with_its_first_setting(driven):
     names = ("a, clean", "a, rough", "b, clean", "b, rough")
     sentences = verdicts(dict.fromkeys(names, driven), size=2)
@@ -263,11 +231,3 @@ def test_policies_are_compared_in_the_same_setting_and_a_single_policy_with_its_
     ]
     (sentence,) = verdicts(dict.fromkeys(names[:2], driven), size=2)
     assert sentence.startswith("a, rough is neither faster nor slower than a, clean")
-
-
-def test_a_single_evaluation_is_described(driven):
-    assert verdicts({"a": driven}) == ["a reaches the goal in 99.0 to 100.0 % of the episodes, in 10.00 to 10.00 s."]
-    (sentence,) = verdicts({"a": in_room(driven, 40)})
-    assert sentence.endswith(", and collides in 7.4 to 13.3 %.")
-    none = with_(driven, success=np.zeros(N, np.bool_))
-    assert verdicts({"a": none}) == ["a reaches the goal in 0.0 to 1.0 % of the episodes."]

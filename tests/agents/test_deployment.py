@@ -241,11 +241,6 @@ def test_a_matrix_states_the_same_as_its_variances(seeing):
     np.testing.assert_array_equal(seeing.observation, matrix)
 
 
-def test_exact_poses_have_no_deviation_and_no_nis(seeing):
-    seeing.act(**INPUTS)
-    assert seeing.observation[7:10].tolist() == [0.0, 0.0, 0.0]
-
-
 def test_robot_and_period_are_those_on_the_card():
     deployment = Deployment("ppo-nav")
     assert (deployment.robot.max_linear, deployment.period, deployment.terms) == (0.2108, 0.1, OPEN_GROUND)
@@ -253,11 +248,6 @@ def test_robot_and_period_are_those_on_the_card():
         Deployment("ppo-nav", robot="waffle")
     with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 20 Hz burger"):
         Deployment("ppo-nav", period=0.05)
-
-
-def test_a_policy_without_sight_refuses_scans():
-    with pytest.raises(ValueError, match=r"^scan must be None for a policy that reads no 'scan'"):
-        Deployment("bearing").act(**INPUTS)
 
 
 class TestTheFilterInside:

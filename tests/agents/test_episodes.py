@@ -3,15 +3,13 @@
 import math
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.evaluation.evaluate import BATCH, evaluate
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
 
 NAN = math.nan
-SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
 
 
 @pytest.mark.parametrize(
@@ -26,28 +24,6 @@ SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
 def test_students_interval_by_hand(numbers, mean, margin):
     """Its quantile of 97.5 %, from a table, times the standard error."""
     np.testing.assert_allclose(metrics.mean(numbers), (mean, mean - margin, mean + margin), rtol=1e-6)
-
-
-def test_an_evaluation_records_its_configuration_and_closes_its_environments(monkeypatch):
-    made, make = [], gym.make_vec
-    monkeypatch.setattr(gym, "make_vec", lambda *args, **options: made.append(make(*args, **options)) or made[-1])
-    result = evaluate("proportional", max_episode_steps=2, noise="clean")
-    assert result.config == {
-        "env": "turtlebot_gym/TurtleBotNav-v0",
-        "policy": "proportional",
-        "episodes": 1000,
-        "seed": 0,
-        "noise": "clean",
-        "max_episode_steps": 2,
-    }
-    assert result.episodes.seed.tolist() == list(range(1000))
-    assert "proportional reaches the goal in" in repr(result)  # in a notebook, not pages of arrays
-    limits = [evaluate("proportional", episodes=1, **options).limit for options in ({}, {"env": SQUARE, "dt": 0.05})]
-    assert limits == [30.0, 30.0]  # 300 steps of 0.1 s, 600 of 0.05 s
-    assert BATCH == 1024
-    monkeypatch.setattr("turtlebot_gym_agents.evaluation.evaluate.BATCH", 2)
-    evaluate("proportional", episodes=4, max_episode_steps=2)
-    assert [envs.closed for envs in made] == [True] * 5
 
 
 def test_the_summary_follows_from_the_episodes():

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import PPO
 
 from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM
 from turtlebot_gym.observations.columns import bounds_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training import network as module
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.export import export, load_model
+from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.network import TOLERANCE
 
@@ -72,15 +71,6 @@ def untrained(env=TrainingConfig.env, options=None, **network):
             if name.endswith("bias"):
                 parameter.uniform_(-0.5, 0.5)
     return model
-
-
-def test_files_that_are_no_models_and_models_of_other_sizes_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"must have actions \(2,\)"):
-        export(PPO("MlpPolicy", "Pendulum-v1", device="cpu"), tmp_path / "policy.onnx", env=TrainingConfig.env)
-    for content in (b"", b"no zip at all"):
-        (tmp_path / "model.zip").write_bytes(content)
-        with pytest.raises(ValueError, match=r"model\.zip is not a model"):
-            load_model(tmp_path / "model.zip", "ppo", allow_pickle=True)
 
 
 @pytest.mark.sample(1)

@@ -10,12 +10,10 @@ from matplotlib.patches import Circle, Rectangle
 from turtlebot_gym.drive import Drive, RoomData
 from turtlebot_gym.estimation.consistency import mean_bounds
 from turtlebot_gym.rooms.scan import Obstacles
-from turtlebot_gym_agents.commands.report import evaluation_figure
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
-from turtlebot_gym_agents.figures import ALL, CURVES, learning_figure, plot_consistency, plot_drive, plot_drives, plot_learning
+from turtlebot_gym_agents.figures import learning_figure, plot_consistency, plot_drive, plot_learning
 
 ROOM = Obstacles((0.0, 0.0, 10.0, 8.0), ((1.0, 1.0, 0.3), (-1.0, 1.0, 0.25)), ((2.0, 0.0, 0.4, 0.2, 0.3),))
-ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 
 
 @pytest.fixture
@@ -58,27 +56,6 @@ def test_a_drive_in_a_room_has_walls_obstacles_and_a_view_of_its_path(axes):
     assert bottom < 0.0 < 0.1 < top
 
 
-def test_walkers_are_drawn_where_they_end_with_their_way(axes):
-    plot_drive(axes, drive(walks=True))
-    _, standing, walking = [patch for patch in axes.patches if isinstance(patch, Circle)]  # after the circle of arrival
-    assert (standing.center, walking.center) == ((1.0, 1.0), (pytest.approx(0.45), 1.0))
-    assert walking.get_label() == "walker, at the end"
-    (way,) = [line for line in axes.lines if np.allclose(line.get_ydata(), 1.0)]
-    assert way.get_xdata()[0] == -1.0
-
-
-def test_two_drives_over_each_other_do_not_look_alike_nor_like_truth_and_estimate(axes):
-    assert plot_drives(axes, {f"policy {at}": drive(turn=0.1 * at) for at in range(len(CURVES))}) is axes
-    looks = {
-        (path.get_color(), str(path.get_linestyle()), str(path._dash_pattern))
-        for path in (line(axes, f"policy {at}") for at in range(len(CURVES)))
-    }
-    assert len(looks) == len(CURVES)
-    own = Figure().subplots()
-    plot_drive(own, drive())
-    assert not {color for color, *_ in looks} & {line(own, name).get_color() for name in ("truth", "estimate", "odometry")}
-
-
 @pytest.mark.parametrize("runs", [1, 50])
 def test_consistency_is_a_mean_within_the_bounds_of_chi_square(axes, runs):
     """At 40 independent times a mean is outside in 5 % of them; the chance that it is at 10 or more is below 10^-4."""
@@ -94,20 +71,6 @@ def test_consistency_is_a_mean_within_the_bounds_of_chi_square(axes, runs):
     assert np.sum(2.0 * mean > high) > 20 or runs == 1  # twice as sure as right is noticed
     assert axes.get_xlabel() == "time (s)"
     assert line(axes, "expected: 3").get_ydata()[0] == 3
-
-
-def test_bounds_widen_as_runs_end_and_a_mean_of_few_is_not_drawn(axes):
-    values = np.full((10, 4), 3.0)
-    values[4:, 1:], values[3:, 2] = np.nan, 3.0  # 10, 4, 10 and 4 runs drive
-    plot_consistency(axes, [0.0, 1.0, 2.0, 3.0], values, label="matched")
-    assert line(axes, "matched").get_xdata().tolist() == [0.0, 2.0]
-    other = Figure().subplots()
-    values[4:, 1:] = np.nan
-    values[4, 1:] = 3.0
-    plot_consistency(other, [0.0, 1.0, 2.0, 3.0], values)
-    widths = np.ptp(other.collections[0].get_paths()[0].vertices[:, 1])
-    low, high = mean_bounds(3, 5, false_alarm=0.05)
-    assert widths == pytest.approx(high - low)
 
 
 def test_a_learning_curve_is_the_mean_of_seeds_with_its_interval(axes):
@@ -128,34 +91,9 @@ def test_a_learning_curve_is_the_mean_of_seeds_with_its_interval(axes):
     assert len(learning_figure(runs, title="Nav").axes) == 2
 
 
-def test_an_evaluation_in_rooms_shows_walls_in_each_panel_and_how_each_drive_ended():
-    evaluations = {name: evaluate(name, env=ROOMS, world="office", episodes=3, consistency=True) for name in ("vfh", "bearing")}
-    figure = evaluation_figure(evaluations, title="rooms")
-    panels = {axes.get_title().partition("\n")[0]: axes for axes in figure.axes}
-    assert {"vfh", "bearing", ALL} < set(panels)
-    for name in ("vfh", "bearing", ALL):
-        assert sum(isinstance(patch, Rectangle) and not patch.fill for patch in panels[name].patches) == 1
-    for name, evaluation in evaluations.items():
-        assert panels[name].get_title().endswith(evaluation.trajectory.outcome)
-        time = evaluation.episodes.time[0]
-        assert evaluation.trajectory.outcome in (f"success after {time:.1f} s", f"collision after {time:.1f} s")
-    assert [title.partition(" (")[0] for title in panels if "band" in title] == ["NEES of the pose", "NIS of measurements"]
-
-
 def test_the_outcome_counts_the_waypoints_of_a_task_with_several():
     evaluation = evaluate("bearing", env="turtlebot_gym/TurtleBotSquare-v0", episodes=1)
     assert evaluation.trajectory.outcome == f"4 of 4 waypoints, success after {evaluation.episodes.time[0]:.1f} s"
-
-
-def test_what_was_not_measured_is_left_out_and_one_drive_is_shown_over_time():
-    evaluations = {"bearing": evaluate("bearing", noise="wheel", episodes=3, consistency=True)}
-    titles = [axes.get_title() for axes in evaluation_figure(evaluations, title="wheels").axes]
-    assert any("NEES" in title for title in titles)
-    assert not any("NIS" in title for title in titles)
-    evaluations = {"bearing": evaluate("bearing", episodes=3)}
-    axes = evaluation_figure(evaluations, title="not asked for").axes
-    assert {"x (m)", "heading (rad)", "speed (m/s)", "position error (m)"} <= {each.get_ylabel() for each in axes}
-    assert not any("NEES" in each.get_title() for each in axes)
 
 
 def test_consistency_of_an_evaluation_does_not_depend_on_batches(monkeypatch):

@@ -63,14 +63,6 @@ def test_the_best_model_of_a_training_in_rooms_is_exported_by_its_folder(tmp_pat
     np.testing.assert_array_equal(again(rows), theirs(rows))
 
 
-@pytest.mark.nightly  # the kernels of these terms are compiled
-def test_own_terms_and_a_history_go_on_the_card(tmp_path):
-    options = {"observation": "goal,twist,uncertainty,scan*2", "world": "clutter", "robot": "waffle", "dt": 0.2}
-    export(trained("ppo", tmp_path, env=ROOMS, steps=128, **options), tmp_path / "policy.onnx", env=ROOMS, steps=50, **options)
-    policy = BundlePolicy(tmp_path / "policy.onnx", robot="waffle", dt=0.2)
-    assert [term.spelled for term in policy.terms] == ["goal", "twist", "uncertainty", "scan*2"]
-
-
 # Networks without a library's model around them.
 
 
@@ -108,32 +100,6 @@ def test_an_agent_of_cleanrl_with_its_normalization_of_gymnasium(tmp_path):
     envs.update_running_mean = False
     seen = np.clip([envs.observation(row) for row in observations], -10.0, 10.0)
     close(actions, torch_actions(agent.actor_mean, seen.astype(np.float32)))
-
-
-class Model(nn.Module):
-    """The structure of skrl's models: ``compute`` on a dictionary, and a scaler of observations (RunningStandardScaler)."""
-
-    def __init__(self):
-        super().__init__()
-        self.net = mlp()
-        self.register_buffer("mean", torch.linspace(-1.0, 1.0, 13))
-        self.register_buffer("std", torch.linspace(0.5, 2.0, 13))
-
-    def forward(self, observations):
-        return self.compute({"observations": self.scale(observations)}, "policy")[0]
-
-    def compute(self, inputs, role):
-        return self.net(inputs["observations"]), {"log_std": torch.zeros(2)}
-
-    def scale(self, observations):
-        return torch.clamp((observations - self.mean) / self.std, -5.0, 5.0)
-
-
-def test_an_agent_of_skrl_with_its_preprocessor(tmp_path):
-    agent = Model()
-    export(agent, tmp_path / "policy.onnx", env=NAV, steps=100)
-    observations, _, actions = deployed(tmp_path / "policy.onnx")
-    close(actions, torch_actions(agent, observations))
 
 
 class Recurrent(nn.Module):

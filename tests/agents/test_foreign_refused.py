@@ -159,11 +159,6 @@ def test_what_is_no_model_is_refused(tmp_path):
         export(lambda o: o, tmp_path / "policy.onnx", env=NAV)
 
 
-def test_an_unknown_environment_is_refused_with_the_known_ones(tmp_path):
-    with pytest.raises(ValueError, match=r"env must be one of .*TurtleBotNav-v0.*got 'turtlebot_gym/NoSuch-v0'"):
-        export(mlp(), tmp_path / "policy.onnx", env="turtlebot_gym/NoSuch-v0")
-
-
 def test_nothing_pickled_is_loaded_without_consent(tmp_path):
     trained("ppo", tmp_path, steps=64)
     (tmp_path / "config.json").write_text('{"config": {"algo": "ppo"}}')

@@ -5,8 +5,6 @@ import json
 import re
 import sys
 
-import gymnasium as gym
-import matplotlib
 import numpy as np
 import own_parts
 import own_terms
@@ -19,9 +17,7 @@ import turtlebot_gym_agents as front
 from turtlebot_gym.drive import position_error
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym_agents import compare, drive, evaluate, export, make_policy, replay, train, watch
-from turtlebot_gym_agents.evaluation.result import title_of
 from turtlebot_gym_agents.front import satellites
-from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.training.config import TrainingConfig
 
 SMALL = {"n_envs": 16, "n_timesteps": 1024, "policy": "MlpPolicy", "n_steps": 16, "batch_size": 128, "n_epochs": 1}
@@ -47,16 +43,6 @@ def trained(tmp_path_factory):
 @pytest.fixture(params=["evaluation", "compared", "in_a_room", "trained"])
 def result(request, compared):
     return compared["bearing, clean"] if request.param == "evaluation" else request.getfixturevalue(request.param)
-
-
-def test_it_prints_as_a_table_and_a_verdict(result):
-    text = str(result)
-    assert repr(result) == text
-    assert text.endswith(result.verdict())
-    assert result.verdict()
-    assert "━" in text
-    assert max(map(len, text.removesuffix(result.verdict()).splitlines())) <= 120
-    assert not re.search(r"\w+\(\w+=|array\(", text)  # no dataclass, no array
 
 
 def test_a_notebook_shows_a_table_and_a_figure(result):
@@ -87,41 +73,12 @@ def test_its_json_holds_the_configuration_and_where_it_comes_from(result, tmp_pa
     assert {"version", "commit", "libraries"} <= set(content)
 
 
-def test_a_name_that_it_does_not_have_is_refused_with_those_that_it_has(result):
-    name = next(iter(result.arrays))
-    assert result[name] is not None
-    with pytest.raises(KeyError, match=f"there is no 'no_such': there are .*{name}"):
-        result["no_such"]
-
-
-def test_it_draws_into_the_given_axes_and_says_units(result):
-    figure = Figure()
-    axes = figure.subplots()
-    assert result.plot(axes) is axes
-    assert axes.has_data()
-    assert re.search(r"\((s|m)\)|steps", axes.get_xlabel())
-
-
-def test_without_axes_it_makes_new_ones(compared):
-    from matplotlib import pyplot as plt
-
-    with matplotlib.rc_context({"backend": "Agg"}):
-        axes = compared.plot()
-        assert axes.figure.number in plt.get_fignums()
-        plt.close(axes.figure)
-
-
 def test_a_comparison_is_of_each_policy_in_each_setting(compared):
     assert [*compared.evaluations] == ["proportional, tutorial", "proportional, clean", "bearing, tutorial", "bearing, clean"]
     alone = evaluate("bearing", env="Nav", episodes=12, noise="clean")
     np.testing.assert_array_equal(compared["bearing, clean"]["time"], alone["time"])
     np.testing.assert_array_equal(compared["success"][3], alone["success"])
     assert "bearing, clean is" in compared.verdict() or "bearing, clean reaches" in compared.verdict()
-
-
-def test_options_are_named_in_the_title():
-    title = str(compare("bearing", episodes=2, filter=own_parts.Extended, noise="clean"))
-    assert "2 episodes from seed 0, filter Extended, noise clean" in " ".join(title.split())
 
 
 def test_objects_of_ones_own_have_a_label_each():
@@ -221,24 +178,6 @@ def test_watch_hands_policies_or_drives_to_the_viewer(in_a_room, monkeypatch):
         watch("bearing", in_a_room)
     with pytest.raises(ValueError, match=r"noise would change nothing in drives that have ended: give it to drive\(\)"):
         watch(in_a_room, noise="wheel")
-
-
-def test_a_title_names_the_changed_fields_of_a_variant():
-    config = {"env": "nav", "seed": 0, "noise": {"base": "rough", "odometry": {"dropout_probability": 0.1}}, "filter": "gated"}
-    assert title_of(config) == "nav, seed 0, noise rough odometry.dropout_probability 0.1, filter gated"
-
-
-def test_names_of_environments_are_short_in_any_case():
-    for name in ("Nav", "turtlebot_gym/TurtleBotNav-v0"):
-        assert drive("bearing", env=name, noise="clean").config["env"] == "turtlebot_gym/TurtleBotNav-v0"
-    with pytest.raises(ValueError, match="env must be one of"):
-        drive("bearing", env="navy")
-
-
-def test_names_of_values():
-    assert name_of({"effort": 0.2, own_parts.SPIN: 1}) == "effort 0.2 spin 1"
-    assert name_of(("ekf", own_parts.SPIN)) == "ekf,spin"
-    assert name_of(gym.make("turtlebot_gym/TurtleBotNav-v0").unwrapped) == "NavigationEnv"
 
 
 def test_every_public_name_is_documented():

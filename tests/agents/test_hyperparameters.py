@@ -64,24 +64,6 @@ def test_names_become_objects():
     assert np.std([noise() for _ in range(2000)]) == pytest.approx(0.3, rel=0.1)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("[1, 2]", "must be a mapping"),
-        ("default: 3", "which is a mapping"),
-        ("other/Env-v0: {n_envs: 1}", "'default'"),
-        ("default: {n_envs: 1}", "n_timesteps must be a whole number from 1"),
-        ("default: {n_envs: 0, n_timesteps: 5}", "n_envs must be a whole number from 1"),
-        ("default: !!python/object/apply:os.system ['true']", "is not YAML"),
-    ],
-)
-def test_files_of_another_form_are_refused(tmp_path, text, message):
-    with pytest.raises(ValueError, match=message):
-        load("ppo", TASKS[0], write(tmp_path, text))
-    with pytest.raises(ValueError, match=r"There is no .*a2c\.yaml: give a file .* for 'a2c' with --config FILE"):
-        load("a2c", TASKS[0])
-
-
 MAPPING = "policy_kwargs must be a mapping, or text like"
 MODULE = "policy_kwargs.activation_fn must be a class of torch.nn"
 REFUSED = "Stable-Baselines3 refuses the hyper-parameters of ppo, see --config: "
@@ -139,27 +121,6 @@ def test_overrides_replace_hyper_parameters_nested_ones_too():
     assert config.record()["config"]["overrides"] == overrides
     assert config.record()["hyperparameters"] == config.hyper
     assert shipped.hyper["policy_kwargs"]["net_arch"] == [64, 64]
-
-
-def test_overrides_stay_where_few_steps_change_other_hyper_parameters():
-    few = TrainingConfig(steps=40960)
-    assert TrainingConfig(steps=40960, overrides={"batch_size": 100}).hyper == {**few.hyper, "batch_size": 100}
-    envs = TrainingConfig(steps=40960, overrides={"n_envs": 16})
-    assert envs.hyper == {**TrainingConfig().hyper, "n_envs": 16}
-
-
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        ({"n_timesteps": 5}, "n_timesteps is the option steps"),
-        ({"n_envs": 0}, "n_envs must be a whole number from 1"),
-        ({3: 1}, "overrides must be hyper-parameters by name"),
-        ([1], "overrides must be hyper-parameters by name"),
-    ],
-)
-def test_overrides_of_another_form_are_refused(overrides, message):
-    with pytest.raises(ValueError, match=re.escape(message)):
-        TrainingConfig(overrides=overrides)
 
 
 def test_few_steps_are_divided_among_fewer_environments_in_smaller_batches():

@@ -47,15 +47,6 @@ def test_a_law_by_name_is_made_for_the_robot_and_the_period(name):
 LOCATED = {"env": ROOMS, "world": "office", "noise": "wheel", "localizer": "match", "observation": "located"}
 
 
-@pytest.mark.parametrize("name", ["bearing", "vfh", "planner", "vfh+safety"])
-def test_rules_ignore_a_localizers_evidence(name):
-    seen = np.random.default_rng(1).uniform(0.1, 1.0, (40, 3, size_of(ROOM))).astype(np.float32)
-    two, three = make_policy(name), make_policy(name)
-    for rows in seen:
-        located = np.concatenate([rows[:, :13], np.full((3, 4), 0.5, np.float32), rows[:, 13:]], axis=1)
-        np.testing.assert_array_equal(two(rows), three(located))
-
-
 def test_a_policy_is_shown_the_terms_that_it_reads_and_a_bundle_only_those_of_its_training():
     assert evaluate(f"{__name__}:seeing", episodes=1, **LOCATED).summary()["success"].value == 0.0
     with pytest.raises(ValueError, match=r"observation 'ekf', asked for .* 'located'"):
@@ -82,36 +73,6 @@ def test_the_shipped_policies_have_their_names_and_tasks_and_are_made_for_their_
         for options, wanted in (({"robot": "waffle"}, "10 Hz waffle"), ({"dt": 0.25}, "4 Hz burger")):
             with pytest.raises(ValueError, match=f"made for 10 Hz burger, asked for {wanted}"):
                 make_policy(reference, **options)
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        *((f"model{end}", f"model{end}: loading it can run code that it holds") for end in (".zip", ".pkl", ".pt", ".pth")),
-        *((name, "policy must be one of") for name in ("../pretrained/ppo-nav", "ppo-nav\n", "ppo-nav\0", "ppo-")),
-        ("ppo-nav.onnx.onnx", "No such file"),
-    ],
-)
-def test_pickled_files_and_paths_are_no_names(name, message):
-    with pytest.raises((ValueError, OSError), match=re.escape(message)):
-        make_policy(name)
-
-
-@pytest.mark.parametrize(
-    ("name", "reason"),
-    [
-        ("numpy:pi", "it cannot be called"),
-        ("numpy:no_such_name", ".* cannot be loaded from .*: module 'numpy' has no attribute 'no_such_name'"),
-        ("no_such_module:f", ".* cannot be loaded from .*: No module named 'no_such_module'"),
-        ("numpy:", ""),
-        (":zeros", ""),
-        ("numpy", ""),
-    ],
-)
-def test_what_cannot_be_called_is_no_policy(name, reason):
-    refusal = f"policy '{name}': {reason}" if reason else f"policy must be one of .* or 'module:callable', got '{name}'"
-    with pytest.raises(ValueError, match=refusal):
-        make_policy(name)
 
 
 @pytest.mark.parametrize(

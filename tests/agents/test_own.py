@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.policies import PolicyWithMemory, terms_of
 
@@ -62,15 +61,6 @@ def test_a_users_function_drives():
         assert policy(np.zeros(shape, np.float32)).shape == (*shape[:-1], 2)
     assert not isinstance(policy, PolicyWithMemory)
     assert terms_of(policy) is None
-
-
-def test_its_other_attributes_are_kept():
-    policy = make_policy("drivers:Memory", robot="waffle", dt=0.05)
-    assert (policy.robot, policy.dt) == (ROBOTS["waffle"], 0.05)
-    assert isinstance(policy, PolicyWithMemory)
-    assert [term.name for term in terms_of(policy)] == ["goal", "scan"]
-    policy.reset(np.ones(3, np.bool_))
-    assert len(policy.masks) == 1
 
 
 @pytest.mark.parametrize(

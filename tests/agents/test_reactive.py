@@ -168,11 +168,6 @@ def test_geometry_finds_its_way_and_the_oracle_bounds_it():
     assert all(0.0 <= s["barn"].value <= 0.5 for s in summaries.values())
 
 
-def test_there_is_no_oracle_on_open_ground():
-    with pytest.raises(ValueError, match="the oracle needs a room"):
-        evaluate("oracle", episodes=2)
-
-
 @pytest.mark.parametrize(("away", "in_the_way"), [(0.28, True), (0.34, True), (0.37, False), (0.6, False)])
 def test_obstacles_that_the_robot_would_touch_at_the_goal_block_it(away, in_the_way):
     """The goal is 0.25 m ahead, and the robot's radius is 0.105 m."""

@@ -6,7 +6,7 @@ import pytest
 
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.model import make_model
-from turtlebot_gym_agents.training.staggering import GROUPS, Staggered
+from turtlebot_gym_agents.training.sb3_vec_env import GROUPS, Staggered
 
 ROWS = 2 * GROUPS
 

@@ -16,7 +16,7 @@ from turtlebot_gym_agents.evaluation.driving import judge
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, EvaluationCallback, policy_of
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.model import _choose_device, make_model
+from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 from turtlebot_gym_agents.training.train import train
 
@@ -113,30 +113,6 @@ def test_options_reach_the_bundle(tmp_path):
     card = BundlePolicy(tmp_path / "run" / "policy.onnx", robot="waffle").card
     assert (card.robot["name"], card.noise, card.observation) == ("waffle", "rough", "odometry")
     assert card.training["config"]["delay"] == 1
-
-
-WRONG = {
-    **{"steps": 0, "episodes": 0, "evaluations": -1, "seed": -1, "threads": 0, "speed_error": 1.0},
-    **{"algo": "dreamer", "noise": "x", "env": "nothing/Here-v0", "device": "tpu", "randomize": "yes"},
-}
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_values_out_of_range_are_refused(name, tmp_path):
-    with pytest.raises(ValueError, match=f"^{name} must be "):
-        train(TrainingConfig(**{name: WRONG[name]}), tmp_path / "run", progress=False)
-    assert not (tmp_path / "run").exists()
-
-
-def test_auto_takes_a_gpu_for_off_policy_algorithms_only(monkeypatch, tmp_path):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    assert [_choose_device("auto", algo) for algo in ("ppo", "a2c", "sac", "td3", "ddpg")] == ["cpu"] * 2 + ["cuda"] * 3
-    assert (_choose_device("cuda", "ppo"), _choose_device("cpu", "sac")) == ("cuda", "cpu")
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert {_choose_device(device, algo) for device in ("cpu", "auto") for algo in ("ppo", "sac")} == {"cpu"}
-    with pytest.raises(ValueError, match=r"^device 'cuda' is not available: torch .* finds no GPU; use --device cpu\.$"):
-        train(TrainingConfig(device="cuda"), tmp_path / "run", progress=False)
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The file of a study, YAML. Values in ``grid`` may be lists; each combination of them is a cell::
+"""The command ``study`` and its file, YAML. Values in ``grid`` may be lists; each combination of them is a cell::
 
 episodes: 2000
 seed: 1000000
@@ -14,17 +14,25 @@ trainings:
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
 
 from turtlebot_gym import Options
 from turtlebot_gym.config import Range, as_int, build, check_fields, choose, short_repr
 from turtlebot_gym.files import load
 from turtlebot_gym_agents.evaluation.evaluate import require_known
+from turtlebot_gym_agents.front.results import text_of
 from turtlebot_gym_agents.ids import environment_id
+from turtlebot_gym_agents.outputs import JSON, require_outputs
+from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_agents.training.config import TrainingConfig
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 SETTINGS = ("env", *(item.name for item in fields(Options)))
 """Settings that a grid may hold: the environment's id and its options."""
@@ -94,3 +102,57 @@ def read_grid(path: Path) -> StudyGrid:
 
 def _listed(value: Any) -> list[Any]:
     return list(value) if isinstance(value, (list, tuple)) else [value]
+
+
+def study(
+    file: tyro.conf.Positional[Path],
+    out: Path = Path("runs/study"),
+    *,
+    cluster: str | None = None,
+    workers: int | None = None,
+    json: Path | None = None,
+    force: bool = False,
+) -> str:
+    """Compare policies and trainings in every combination of settings that a YAML file names.
+
+    The same command resumes an interrupted study.
+
+    Args:
+        file: The study: episodes, seed, compare_with, grid, policies, trainings.
+        out: Folder of the study, in which finished jobs and trained policies are kept.
+        cluster: Where jobs run: local, or the address of a Ray cluster.
+        workers: With --cluster local: number of processes.
+        json: Write the results here.
+        force: Overwrite a file that exists.
+    """
+    require_outputs([("--json", json, JSON)], inputs=[file], force=force)
+    from turtlebot_gym_agents.cluster.study import study as run_study
+
+    grid = read_grid(file)
+    rows = run_study(grid, out, cluster=cluster, workers=workers)
+    if json is not None:
+        write_json(json, {"cells": rows}, config=vars(grid))
+    return text_of([_study_table(rows, title=f"{file}: {grid.episodes} episodes from seed {grid.seed}")])
+
+
+def _study_table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
+    """Return a row per policy and training in each cell."""
+    from rich.table import Table
+
+    varied = [name for name in rows[0]["setting"] if len({str(row["setting"][name]) for row in rows}) > 1]
+    columns = ("policy", "success, %", "time*, s", f"minus {rows[0]['compared_with']}, s", "p (Holm)")
+    caption = "with 95 % intervals, for trainings over seeds, too; * failures count as the time limit"
+    drawn = Table(*varied, *columns, title=title, caption=caption)
+    for row in rows:
+        drawn.add_section()
+        for name, result in {**row["policies"], **row["trainings"]}.items():
+            many = f", {result['trainings']} trainings" if "trainings" in result else ""
+            drawn.add_row(
+                *(str(row["setting"][option]).removeprefix("turtlebot_gym/") for option in varied),
+                f"{name}{many}",
+                f"{result['success']:.1%}",
+                f"{result['time']:.2f}",
+                "" if name == row["compared_with"] else f"{result['difference']:+.2f}",
+                f"{result['p_holm']:.2g}" if "p_holm" in result else "",
+            )
+    return drawn

@@ -1,7 +1,5 @@
-"""A study: policies and trainings in every cell of a grid, on the same episodes, with intervals.
-
-Each policy in each cell, and each training of each seed in each cell, is a job. Results of trainings include the variation
-between the trained policies.
+"""A study: policies and trainings in every cell of a grid, on the same episodes, with intervals; each, of each seed, is a
+job.
 """
 
 from __future__ import annotations

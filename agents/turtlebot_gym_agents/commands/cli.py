@@ -15,18 +15,13 @@ from typing import Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.programs import study
+from turtlebot_gym_agents.cluster.grid import study
 from turtlebot_gym_agents.front.comparing import compare
 from turtlebot_gym_agents.front.learning import train
 from turtlebot_gym_agents.front.satellites import SATELLITES, satellite
 from turtlebot_gym_agents.training.export import export
 
-COMMANDS: dict[str, Callable[..., Any]] = {
-    "evaluate": compare,
-    "train": train,
-    "export": export,
-    "study": study,
-}
+COMMANDS: dict[str, Callable[..., Any]] = {"evaluate": compare, "train": train, "export": export, "study": study}
 """The product's commands; `commands` adds those of satellites."""
 
 

@@ -81,15 +81,10 @@ def ratio(parts: ArrayLike, wholes: ArrayLike, most: float = np.inf) -> Interval
 
 
 def wilson(p: float, n: float, z: float) -> Interval:
-    """Return Wilson's interval for a share.
+    """Return Wilson's interval for a share ``p`` of ``n`` cases, or of an effective number of independent ones.
 
-    Args:
-        p: The share.
-        n: Number of cases; if they are not independent, the effective number of independent ones.
-        z: Quantile of the standard normal distribution, or of Student's.
-
-    References:
-        Wilson, "Probable inference, the law of succession, and statistical inference" (1927).
+    ``z`` is a quantile of the standard normal distribution, or of Student's: Wilson, "Probable inference, the law of
+    succession, and statistical inference" (1927).
     """
     centre, margin = p + z * z / (2.0 * n), z * np.sqrt(p * (1.0 - p) / n + z * z / (4.0 * n * n))
     low, high = (centre - margin) / (1.0 + z * z / n), (centre + margin) / (1.0 + z * z / n)
@@ -97,15 +92,9 @@ def wilson(p: float, n: float, z: float) -> Interval:
 
 
 def share_difference(share: Interval, other: Interval, correlation: float = 0.0) -> Interval:
-    """Return the difference of two shares with Newcombe's interval, computed from the shares' intervals.
+    """Return the difference of two shares with Newcombe's interval, computed from the shares' intervals and their correlation.
 
-    Args:
-        share: A share with its interval.
-        other: The share that is subtracted.
-        correlation: Correlation of the two; 0 if they come from different episodes.
-
-    References:
-        Newcombe, "Interval estimation for the difference between independent proportions" (1998), method 10.
+    Newcombe, "Interval estimation for the difference between independent proportions" (1998), method 10.
     """
 
     def margin(down: float, up: float) -> float:
@@ -117,15 +106,11 @@ def share_difference(share: Interval, other: Interval, correlation: float = 0.0)
 
 
 def paired_share_difference(events: ArrayLike, other: ArrayLike) -> Interval:
-    """Return the difference of the shares of two events in the same episodes, with Newcombe's interval for pairs.
+    """Return the difference of the shares of two events, booleans (n,), in the same episodes, with Newcombe's interval for
+    pairs.
 
-    Args:
-        events: Booleans, shape (n,).
-        other: Booleans of the same episodes.
-
-    References:
-        Newcombe, "Improved confidence intervals for the difference between binomial proportions based on paired data" (1998),
-        method 10.
+    Newcombe, "Improved confidence intervals for the difference between binomial proportions based on paired data" (1998),
+    method 10.
     """
     first, second = np.asarray(events, np.bool_), np.asarray(other, np.bool_)
     both, neither = int(np.sum(first & second)), int(np.sum(~first & ~second))
@@ -140,8 +125,7 @@ def paired_share_difference(events: ArrayLike, other: ArrayLike) -> Interval:
 def holm(p_values: Sequence[float]) -> list[float]:
     """Return p-values of several comparisons, adjusted to control the family-wise error rate.
 
-    References:
-        Holm, "A simple sequentially rejective multiple test procedure" (1979).
+    Holm, "A simple sequentially rejective multiple test procedure" (1979).
     """
     adjusted, largest = [1.0] * len(p_values), 0.0
     for rank, at in enumerate(sorted(range(len(p_values)), key=lambda at: p_values[at])):
@@ -151,14 +135,9 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def quantile(values: ArrayLike, share: float) -> Interval:
-    """Return a quantile of independent numbers, with a distribution-free interval between two order statistics.
+    """Return a quantile of independent numbers (n,), n > 0, with a distribution-free interval between two order statistics.
 
-    Args:
-        values: Shape (n,), n > 0.
-        share: Share of the numbers below it, in (0, 1).
-
-    References:
-        Hahn, Meeker, *Statistical Intervals* (1991), section 5.2: the count of numbers below it is binomial.
+    The count of numbers below it is binomial: Hahn, Meeker, *Statistical Intervals* (1991), section 5.2.
     """
     from scipy import stats
 

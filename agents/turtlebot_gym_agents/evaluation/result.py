@@ -83,9 +83,7 @@ class Evaluation(Result):
     def _in_rooms(self) -> dict[str, Interval]:
         """Return the summary of episodes in rooms.
 
-        References:
-            "barn": the score of the BARN challenge, at most 0.5; Xiao et al., "Autonomous Ground Navigation in Highly
-            Constrained Spaces", *IEEE Robotics & Automation Magazine* 29 (2022).
+        "barn" is the score of the BARN challenge, at most 0.5: Xiao et al., *IEEE Robotics & Automation Magazine* 29 (2022).
         """
         e, fastest = self.episodes, self.episodes.shortest / self.max_linear
         return {

@@ -13,6 +13,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
+from turtlebot_gym import Options
 from turtlebot_gym.config import as_int, choose
 from turtlebot_gym_agents.commands.console import needs, save_figure
 from turtlebot_gym_agents.evaluation import metrics
@@ -20,7 +21,7 @@ from turtlebot_gym_agents.figures import LEARNING, learning_figure, plot_learnin
 from turtlebot_gym_agents.flags import Text, takes
 from turtlebot_gym_agents.front.results import Result, axes_or_new, with_legend
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
-from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
+from turtlebot_gym_agents.training.config import RANDOMIZED, TrainingConfig, require_no_run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
     from turtlebot_gym_agents.training.train import TrainingResult
 
+LAST = {*Options.__dataclass_fields__, *RANDOMIZED}
+"""Flags that the help of `train` shows last: those of the environment, and of randomization."""
 BUNDLE = "policy.onnx"
 """Name of the bundle in the folder of a run."""
 
@@ -114,18 +117,13 @@ class Training(Result):
         return {"runs": runs, "times": times}, self.config.settings()
 
     def plot(self, axes: Axes | None = None, name: str = "success") -> Axes:
-        """Draw the learning curves, and with several seeds their mean with its 95 % interval.
-
-        Args:
-            axes: Axes to draw into; None for new ones of pyplot's.
-            name: Figure to draw, one of `LEARNING`.
-        """
+        """Draw the learning curves of a figure in `LEARNING`, and with several seeds their mean with its 95 % interval."""
         choose("name", name, {figure: figure for figure in LEARNING})
         runs = [result.history for result in self.results.values()]
         return with_legend(plot_learning(axes_or_new(axes), runs, measure=name))
 
 
-@takes(TrainingConfig, "task", "env")
+@takes(TrainingConfig, "task", "env", last=LAST)
 def train(
     env: Text = "nav",
     out: str | Path = "runs/nav",

@@ -55,11 +55,7 @@ class Result:
         raise NotImplementedError
 
     def plot(self, axes: Axes | None = None) -> Axes:
-        """Draw it, and return the axes.
-
-        Args:
-            axes: Axes to draw into; None for new ones of pyplot's.
-        """
+        """Draw it into axes, by default new ones of pyplot's, and return them."""
         raise NotImplementedError
 
     def to_csv(self, path: str | Path) -> None:
@@ -118,20 +114,6 @@ def with_legend(axes: Axes) -> Axes:
     return axes
 
 
-class Shown:
-    """Tables that a command prints.
-
-    Args:
-        *tables: The tables.
-    """
-
-    def __init__(self, *tables: Table) -> None:
-        self._tables = tables
-
-    def __str__(self) -> str:
-        return text_of(self._tables)
-
-
 def text_of(tables: Sequence[Table]) -> str:
     """Return tables as text."""
     from rich.console import Console
@@ -165,9 +147,7 @@ def _cells(column: Sequence[Any] | NDArray[Any]) -> list[Any]:
 
 def name_of(value: Any) -> str:
     """Return a short name of a policy, a filter or another option, for labels and titles."""
-    if isinstance(value, (str, int, float)):
-        return str(value)
-    if isinstance(value, Path):
+    if isinstance(value, (str, int, float, Path)):
         return str(value)
     if isinstance(value, Mapping) and BASE in value:
         return name_of(value[BASE])

@@ -194,14 +194,8 @@ class OnnxNetwork:
 class BundlePolicy:
     """A policy from a bundle: a callable from observations of the terms on its card to actions (..., 2).
 
-    Args:
-        path: The file.
-        robot: The robot to drive; None skips the comparison.
-        dt: The control interval, s; None skips the comparison.
-
-    Raises:
-        ValueError: If the file is not a bundle, is damaged, or was trained for something else.
-        ImportError: If onnxruntime is missing.
+    A file that is no bundle, is damaged, or was trained for another robot or control interval, s, is refused; None skips a
+    comparison.
     """
 
     def __init__(self, path: str | Path, *, robot: str | Robot | None = None, dt: float | None = None) -> None:

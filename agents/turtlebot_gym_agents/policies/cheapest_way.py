@@ -1,8 +1,5 @@
-"""The cheapest path over a grid of cells: A* with a binary heap, as kernels.
-
-References:
-    Hart, Nilsson, Raphael, "A formal basis for the heuristic determination of minimum cost paths" (1968), *IEEE Transactions on
-    Systems Science and Cybernetics* 4 (2).
+"""The cheapest path over a grid of cells, A* with a binary heap, as kernels: Hart, Nilsson, Raphael, "A formal basis for the
+heuristic determination of minimum cost paths" (1968).
 """
 
 from __future__ import annotations

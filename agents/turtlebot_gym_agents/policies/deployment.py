@@ -58,33 +58,21 @@ _PAUSE = 2.5
 class Deployment:
     """Drive a robot with a policy, as the environments and the ROS node ``velocity_controller`` do.
 
-    `act` checks measurements and returns a command. With ``filter`` the package's own filter is inside, and poses are those of
-    odometry; otherwise they come from a localization, with their covariance. `command` is the part without checks, which the
-    node uses too.
+    `act` checks measurements and returns a command; `command` is the part without checks, which the node uses too. With
+    ``filter``, a name for `make_filter` such as "matched", the package's own filter is inside, and poses are those of odometry;
+    otherwise they come from a localization, with their covariance. The filter is matched to ``noise``, and predicts by the
+    ``integrator``, "euler" or "midpoint".
 
     The robot does not drive where its LiDAR has not looked, see `SeenSpace`: it turns, and looks. A LiDAR that is frozen,
-    covered or mounted otherwise is refused, see `turtlebot_gym.scan_watch`. Apart from that, only the policy avoids obstacles
-    without ``safety_margin``. The caller must stop the robot if an exception is raised.
-
+    covered or mounted otherwise is refused, see `turtlebot_gym.scan_watch`. Apart from that, only the policy avoids obstacles,
+    unless a `SafetyLayer` keeps the clearance ``safety_margin``, m. The caller must stop the robot if an exception is raised.
     `act` also compares pose, twist and its own last command (`Agreement`): if they contradict each other for longer than noise
     can, it returns `STOP` until `reset`, and ``disagreement`` says why.
 
-    Args:
-        policy: What `make_policy` takes: a bundle's file, "ppo-rooms", "vfh", ...
-        robot: A name in `turtlebot_gym.ROBOTS`, a file, or a robot; None for the one on a bundle's card, else "burger".
-        period: Control period, s; None for the one on a bundle's card, else 0.1.
-        filter: What `make_filter` takes, such as "matched", for a filter inside; None if poses come with a covariance.
-        noise: Noise to which that filter is matched, as for `make_noise`; a `SafetyLayer` allows for that of the motion.
-        integrator: How that filter predicts, "euler" or "midpoint".
-        lidar_yaw: Direction of the LiDAR's frame in the robot's frame, rad.
-        lidar_beams: Number of beams that a scan must have; 0 for any.
-        lidar_returns: Least share of a scan's beams that return something; less may be a covered LiDAR. With 0, for halls
-            beyond its range, beams that return nothing are believed.
-        safety_margin: Clearance that a policy that sees keeps within a `SafetyLayer`, m; 0 for no layer.
-
-    Raises:
-        ValueError: If the policy is unknown or made for another robot or period, or the filter reads more than odometry.
-        ImportError: If the policy is a bundle and onnxruntime is missing.
+    ``robot`` and ``period``, s, are by default those on a bundle's card, else "burger" and 0.1. The LiDAR's frame is turned by
+    ``lidar_yaw``, rad, in the robot's; a scan has ``lidar_beams`` beams, or any number if 0, of which at least the share
+    ``lidar_returns`` return something: with 0, for halls beyond its range, beams that return nothing are believed. An unknown
+    policy, one made for another robot or period, and a filter that reads more than odometry are refused.
     """
 
     def __init__(

@@ -1,8 +1,7 @@
 """A grid of what a robot has seen, and the path over it; unknown cells are free, but may cost more.
 
-A scan is entered sector by sector: free along three lines, occupied at the sector's range. Places that later beams pass become
-free again. The functions are compiled where llvmlite is; without it they run as plain Python, with the same results to the bit.
-Places are in the grid's frame, m, with the origin in its middle.
+A scan is entered sector by sector: free along three lines, occupied at the sector's range. The functions are compiled where
+llvmlite is, else plain Python, with the same bits. Places are in the grid's frame, m, with the origin in its middle.
 """
 
 from __future__ import annotations

@@ -35,11 +35,7 @@ class PolicyWithMemory(Policy, Protocol):
 
 
 def terms_of(policy: object) -> tuple[ObservationTerm, ...] | None:
-    """Return the terms that a policy, or a class of policies, reads; None if it reads whatever it is shown.
-
-    Raises:
-        ValueError: If there is no such term.
-    """
+    """Return the terms that a policy, or a class of policies, reads; None if it reads whatever it is shown."""
     terms = getattr(policy, "terms", None)
     if terms is None or all(isinstance(term, ObservationTerm) for term in terms):
         return terms

@@ -62,17 +62,12 @@ class SafetyLayer:
 
     A round robot can turn on the spot without contact, so such an arc always exists. If only that is left, or the robot makes
     no progress, the policy's wish leads nowhere: then a `PlannerPolicy`, which has received the same observations, steers for
-    ``way_out``, within the same arcs.
-
-    In a passage that is slightly too narrow the robot is inside the margins of both sides. There it may drive on: inside the
-    margin of an obstacle, down to ``least_margin``, arcs are admissible that approach it by less than `NEARER`.
+    ``way_out``, within the same arcs. In a passage that is slightly too narrow the robot is inside the margins of both sides:
+    there arcs are admissible, down to ``least_margin``, that approach an obstacle by less than `NEARER`.
 
     An obstacle is assumed anywhere in its sector, at the sector's range. One that comes too near for the LiDAR is remembered,
     for the policy too. What was never seen is unknown: an LDS-01 sees nothing up to 0.047 m from a Burger's back, which
     ``margin_behind`` covers.
-
-    Raises:
-        ValueError: If a number is out of its range, or the policy was made for open ground and sees no obstacles.
     """
 
     policy: Policy

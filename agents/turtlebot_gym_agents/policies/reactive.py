@@ -26,12 +26,9 @@ _ANGLES = wrap_all(2.0 * np.pi * np.arange(_TURNS) / _TURNS)
 @dataclass(eq=False, kw_only=True)
 class VectorFieldHistogramPolicy(Baseline):
     """VFH+: choose the free direction for the robot's size with the least weighted angle to the goal, to the current direction
-    and to the last choice.
+    and to the last choice; if none is free, turn on the spot towards the last choice.
 
-    If none is free, the robot turns on the spot towards the last choice.
-
-    References:
-        Ulrich, Borenstein, "VFH+: reliable obstacle avoidance for fast mobile robots", ICRA 1998.
+    Ulrich, Borenstein, "VFH+: reliable obstacle avoidance for fast mobile robots", ICRA 1998.
     """
 
     terms: ClassVar[tuple[ObservationTerm, ...]] = ROOM

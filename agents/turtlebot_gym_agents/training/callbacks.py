@@ -34,14 +34,10 @@ def policy_of(model: BaseAlgorithm) -> Policy:
 class EvaluationCallback(BaseCallback):
     """Evaluate the deterministic policy on separate seeds, during training and at its end; keep the best model, and log.
 
-    An evaluation during training drives the first `INTERIM` of the seeds, one at its end all of them.
-
-    Args:
-        envs: Vector environment that resets by itself, not the training's.
-        every: Steps between evaluations.
-        episodes: Number of seeds; None for as many as environments.
-        path: File of the model with the highest mean return; None to write none.
-        go_on: Called with the figures; the training stops if it returns false for the interim ones and for those of all seeds.
+    An evaluation during training, after each ``every`` steps, drives the first `INTERIM` of the ``episodes`` seeds, one at its
+    end all of them; by default, as many as environments. These reset by themselves, and are not the training's. The model with
+    the highest mean return is written to ``path``. The training stops if ``go_on`` returns false for the interim figures and
+    for those of all seeds.
     """
 
     def __init__(

@@ -28,7 +28,7 @@ OURS = "turtlebot_gym/"
 """Beginning of the ids of this package."""
 ROWS = 128
 """Most environments of an evaluation."""
-_RANDOMIZED = ("speed_error", "turn_error", "veer")
+RANDOMIZED = ("speed_error", "turn_error", "veer")
 """Fields that ``randomize`` reads."""
 
 
@@ -86,7 +86,7 @@ class TrainingConfig(Options):
         choose("algo", self.algo, dict.fromkeys(NAMES))
         object.__setattr__(self, "hyper", self._hyperparameters())
         self.reached({})
-        unread = () if self.randomize else (item for item in fields(TrainingConfig) if item.name in _RANDOMIZED)
+        unread = () if self.randomize else (item for item in fields(TrainingConfig) if item.name in RANDOMIZED)
         for item in unread:
             if getattr(self, item.name) != item.default:
                 raise ValueError(f"{item.name} would change nothing without randomize: add --randomize, or leave it out.")
@@ -148,7 +148,7 @@ class TrainingConfig(Options):
         envs = self.make(self.hyper["n_envs"], **({"info": "rewards"} if self.env.startswith(OURS) else {}))
         if self.randomize:
             bare: Any = envs.unwrapped
-            errors = {name: getattr(self, name) for name in _RANDOMIZED}
+            errors = {name: getattr(self, name) for name in RANDOMIZED}
             bare.set_parameters(randomized(bare.parameters, envs.num_envs, seed=self.seed, **errors))
         return envs
 

@@ -19,8 +19,7 @@ from turtlebot_gym_agents.policies.policy import shown
 from turtlebot_gym_agents.training.config import NAMES, TrainingConfig
 from turtlebot_gym_agents.training.hyperparameters import arguments
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
-from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
-from turtlebot_gym_agents.training.staggering import Staggered
+from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv, Staggered
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {name: getattr(stable_baselines3, name.upper()) for name in NAMES}
 """The algorithms of Stable-Baselines3 by their names in lower case."""

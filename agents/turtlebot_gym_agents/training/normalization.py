@@ -1,10 +1,8 @@
 """Normalization of observations as part of the policy, so that it cannot be lost.
 
-Ranges enter as logarithms: a centimetre is decisive near an obstacle and irrelevant far from it. One training of 8 million
-steps in `dense` reached 96.0 % success with it and 94.0 % without, and 93 % in a sixth of the steps.
-
-The statistics are measured once, before training, on episodes of a baseline policy (a fraction of a second on the compiled
-loop), and then frozen as buffers of the network. There is no second file beside a policy, and no drift while it learns.
+Ranges enter as logarithms, since a centimetre is decisive near an obstacle and irrelevant far from it: 96.0 % success in
+`dense` with them and 94.0 % without. Statistics are measured once, before training, on episodes of a baseline policy, and
+frozen as buffers of the network.
 """
 
 from __future__ import annotations

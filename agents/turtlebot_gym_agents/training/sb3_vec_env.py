@@ -1,8 +1,7 @@
 """A Stable-Baselines3 ``VecEnv`` over any native Gymnasium vector environment.
 
-The adapter bridges the four differences between the two interfaces: SB3 resets finished environments within the step and
-expects their last observation in the infos; it expects one dictionary per environment; ``reset`` returns observations only; and
-``TimeLimit.truncated`` marks time-outs.
+SB3 resets finished environments within the step and expects their last observation in the infos, and one dictionary per
+environment; its ``reset`` returns observations only, and ``TimeLimit.truncated`` marks time-outs.
 """
 
 from __future__ import annotations
@@ -18,25 +17,23 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
 from turtlebot_gym.config import POSITIVE
+from turtlebot_gym_agents.policies import Policy
+
+GROUPS = 16
+"""Most different times at which the rows of `Staggered` begin."""
 
 
 class Sb3VecEnv(VecEnv):
-    """Present a Gymnasium vector environment to Stable-Baselines3.
+    """Present a Gymnasium vector environment in the mode ``AutoresetMode.SAME_STEP``, whose steps return new arrays, to SB3.
 
-    The rows of a native vector environment share their attributes, methods and options; single ones are refused. For rows of
-    their own, use SB3's `DummyVecEnv`.
+    The rows share their attributes, methods and options; single ones are refused. For rows of their own, use SB3's
+    `DummyVecEnv`.
 
     Infos hold, for the environments whose episode has just ended, ``terminal_observation``, ``TimeLimit.truncated``,
     ``episode`` (return r, length l, seconds t, as SB3's ``Monitor`` has them) and the contents of ``final_info``, such as
-    ``is_success``. All other infos are empty. `shares` adds up those of the reward.
-
-    Args:
-        envs: A vector environment in the mode ``AutoresetMode.SAME_STEP`` whose steps return new arrays.
-        reward_scale: Factor of the rewards that the algorithm sees; those in infos are the environment's. Returns far above 1
-            take a critic many updates, and the errors until then leave the actions little of a clipped gradient.
-
-    Raises:
-        ValueError: If its autoreset mode is not SAME_STEP, or the scale not positive.
+    ``is_success``. All other infos are empty. `shares` adds up those of the reward. The algorithm sees rewards times
+    ``reward_scale``: returns far above 1 take a critic many updates, and the errors until then leave the actions little of a
+    clipped gradient.
     """
 
     def __init__(self, envs: VectorEnv, *, reward_scale: float = 1.0) -> None:
@@ -136,6 +133,32 @@ class Sb3VecEnv(VecEnv):
         """Return the vector environment's pictures, if it draws any."""
         images: Any = self.envs.render()
         return [None] * self.num_envs if images is None else list(images)
+
+
+class Staggered(VectorWrapper):
+    """Drive the rows of a vector environment for different times, at most ``steps``, after a reset of all of them.
+
+    It resets within the step and knows ``reset_mask``; the policy has no memory. Environments that begin together stay together
+    where episodes are alike: on the square all of them turn at the same corner, and each rollout would teach that corner alone.
+    """
+
+    def __init__(self, envs: VectorEnv, policy: Policy, steps: int) -> None:
+        super().__init__(envs)
+        self._policy, self._steps = policy, steps
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Reset all rows and drive them; rows that ``reset_mask`` chooses begin at once."""
+        observations, infos = self.env.reset(seed=seed, options=options)
+        if options is None or "reset_mask" not in options:
+            groups = min(GROUPS, self.num_envs)
+            group = np.arange(self.num_envs) % groups
+            for number in range(groups):
+                for _ in range(self._steps // groups):
+                    observations, *_ = self.env.step(self._policy(observations))
+                observations, infos = self.env.reset(options={"reset_mask": group == number})
+        return observations, infos
 
 
 def _row(infos: dict[str, Any], row: int) -> dict[str, Any]:

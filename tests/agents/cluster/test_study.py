@@ -169,19 +169,6 @@ def test_several_seeds_are_trained_by_workers_as_here(tmp_path, monkeypatch):
     np.testing.assert_array_equal(bundles[0](rows), bundles[1](rows))
 
 
-def test_the_error_of_a_job_is_one_line(capsys):
-    assert main(["evaluate", "--policy", "nobody", "--episodes", "20", "--cluster", "local", "--workers", "2"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "policy must be one of" in line
-
-
-@pytest.mark.parametrize(("cluster", "library", "extra"), [("local", "joblib", "agents"), ("auto", "ray", "cluster")])
-def test_without_its_library_the_command_says_what_to_install(cluster, library, extra, monkeypatch, capsys):
-    monkeypatch.setitem(__import__("sys").modules, library, None)
-    assert main(["evaluate", "--policy", "bearing", "--episodes", "20", "--cluster", cluster]) == 2
-    assert f"needs {library}: pip install 'turtlebot-gym[{extra}]'." in capsys.readouterr().err
-
-
 @pytest.mark.cluster
 @pytest.mark.filterwarnings("ignore")  # Ray's own, of sockets and processes that it leaves to the collector
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs the extra [cluster]")
