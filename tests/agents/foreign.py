@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from sb3_contrib import TQC, RecurrentPPO
 from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from torch import nn
 
 from turtlebot_gym import State
@@ -66,52 +66,13 @@ def trained(kind, folder, *, env=NAV, steps=128, **options):
     return model
 
 
-class Played(VecEnv):
-    """A vector environment of one row that shows given observations, whatever is done."""
-
-    def __init__(self, observations, begins, space):
-        self._observations, self._begins, self._at = observations, begins, 0
-        super().__init__(1, space, gym.spaces.Box(-1.0, 1.0, (2,), np.float32))
-
-    def reset(self):
-        return self._observations[:1].copy()
-
-    def step_async(self, actions):
-        self._at += 1
-
-    def step_wait(self):
-        done = self._begins[self._at]
-        info = {"terminal_observation": self._observations[self._at - 1]} if done else {}
-        return self._observations[self._at][None].copy(), np.zeros(1, np.float32), np.array([done]), [info]
-
-    def close(self): ...
-
-    def get_attr(self, name, indices=None):
-        return [None]
-
-    set_attr = env_method = get_attr
-
-    def env_is_wrapped(self, wrapper, indices=None):
-        return [False]
-
-
 def library_actions(model, observations, begins):
-    """Return what a library's own predict does within the wrappers that it was trained in, without learning."""
-    chain, layer = [], model.get_env()
-    while hasattr(layer, "venv"):
-        chain.append(layer)
-        layer = layer.venv
-    venv = Played(observations, begins, layer.observation_space)
-    for wrapper in reversed(chain):
-        statistics, venv = wrapper, VecNormalize(venv, training=False, norm_obs=wrapper.norm_obs, clip_obs=wrapper.clip_obs)
-        if wrapper.norm_obs:
-            venv.obs_rms = statistics.obs_rms
-    seen, state, starts, actions = venv.reset(), None, np.ones(1, np.bool_), []
-    for at in range(len(observations)):
-        action, state = model.predict(seen, state=state, episode_start=starts, deterministic=True)
+    """Return what a library's own predict does with the statistics that it was trained with."""
+    statistics, state, actions = model.get_vec_normalize_env(), None, []
+    seen = observations if statistics is None else statistics.normalize_obs(observations)
+    for row, begin in zip(seen, begins, strict=True):
+        action, state = model.predict(row[None], state=state, episode_start=np.array([begin]), deterministic=True)
         actions.append(action[0])
-        if at + 1 < len(observations):
-            seen, _, starts, _ = venv.step(action)
     return np.array(actions)
 
 

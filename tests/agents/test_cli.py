@@ -145,16 +145,6 @@ def test_a_training_takes_every_hyper_parameter(tmp_path):
     assert record["config"]["reward"] == {"effort": 0.2}
 
 
-@pytest.mark.parametrize("path", ["there.json", "folder", "result.txt"])
-def test_an_output_that_should_not_be_written_is_refused_before_the_work(path, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "there.json").write_text("{}")
-    (tmp_path / "folder").mkdir()
-    assert main(["evaluate", "--policy", "bearing", "--json", path]) == 2
-    assert f"--json {path}: " in capsys.readouterr().err
-    assert (tmp_path / "there.json").read_text() == "{}"
-
-
 @pytest.mark.parametrize("words", ["evaluate --policy mine.json --json mine.json", "export mine.onnx --out mine.onnx"])
 def test_no_input_is_overwritten_even_with_force(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -162,11 +152,3 @@ def test_no_input_is_overwritten_even_with_force(words, tmp_path, monkeypatch, c
         (tmp_path / name).write_text("{}")
     assert main([*words.split(), "--force"]) == 2
     assert "it is an input of the same command" in capsys.readouterr().err
-
-
-def test_a_run_is_not_trained_over(tmp_path, capsys):
-    (tmp_path / "seed-1").mkdir()
-    (tmp_path / "seed-1" / "config.json").touch()
-    assert main(["train", "--out", str(tmp_path), "--seeds", "2"]) == 2
-    assert "seed-1 holds a run already" in capsys.readouterr().err
-    assert not (tmp_path / "seed-0").exists()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM
+from turtlebot_gym.observations import OPEN_GROUND
 from turtlebot_gym.observations.columns import bounds_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training import network as module
@@ -71,15 +71,3 @@ def untrained(env=TrainingConfig.env, options=None, **network):
             if name.endswith("bias"):
                 parameter.uniform_(-0.5, 0.5)
     return model
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("terms", [ROOM, LOCATED_ROOM])
-def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, terms):
-    room, located = "turtlebot_gym/TurtleBotRooms-v0", {"noise": "wheel", "localizer": "match", "observation": "located"}
-    model = untrained(room, located if terms == LOCATED_ROOM else {})
-    assert export(model, tmp_path / "policy.onnx", steps=20).difference <= TOLERANCE
-    assert BundlePolicy(tmp_path / "policy.onnx").terms == terms
-    observations = model.env.reset()
-    expected, _ = model.predict(observations, deterministic=True)
-    np.testing.assert_allclose(BundlePolicy(tmp_path / "policy.onnx")(observations), expected, rtol=0, atol=TOLERANCE)

@@ -52,15 +52,3 @@ def test_the_names_of_the_agents_package_are_found():
     assert all(hasattr(turtlebot_gym_agents, name) for name in turtlebot_gym_agents.__all__)
     with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
         turtlebot_gym_agents.Nothing  # noqa: B018
-
-
-@pytest.mark.nightly
-def test_training_does_not_import_torchs_newer_exporter(tmp_path):
-    script = f"""
-from pathlib import Path
-from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.train import train
-train(TrainingConfig(steps=1, episodes=4, evaluations=1), Path({str(tmp_path / "run")!r}), progress=False)
-"""
-    assert loaded(script, ("onnxscript", "matplotlib", "onnx")) == ["onnx"]
-    assert (tmp_path / "run" / "policy.onnx").is_file()

@@ -98,19 +98,6 @@ def test_a_refusal_is_one_line_that_names_the_setting(algo, given, message):
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("algo", ["a2c", "ddpg", "ppo", "sac", "td3"])
-def test_every_algorithm_takes_its_settings_and_learns(algo):
-    given = {"policy_kwargs": {"net_arch": [4], "activation_fn": "Tanh"}, "learning_rate": "lin_1e-2", "gamma": 0.5}
-    on_policy = algo in ("a2c", "ppo")
-    given |= {"n_steps": 8} if on_policy else {"learning_starts": 4, "buffer_size": 100, "train_freq": [1, "step"]}
-    given |= {"batch_size": 16} if algo == "ppo" else {}
-    config = TrainingConfig(algo=algo, config=NEEDED | given)
-    model = make_model(config, config.make_training())
-    assert model.gamma == 0.5
-    model.learn(16)
-    assert all(bool(torch.isfinite(weight).all()) for weight in model.policy.parameters())
-
-
 def test_overrides_replace_hyper_parameters_nested_ones_too():
     shipped = TrainingConfig(env="nav")
     assert shipped.env == TASKS[0]

@@ -6,13 +6,10 @@ import torch
 from gymnasium import spaces
 
 from turtlebot_gym import NOISES
-from turtlebot_gym.rewards import IN_ROOMS, default_weights
-from turtlebot_gym.rooms.lidar import LIDARS
-from turtlebot_gym.rooms.rules import ROOMS
-from turtlebot_gym.systems import make_parameters, make_room
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym_agents.training import randomization
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, _spread_ranges, measure
-from turtlebot_gym_agents.training.randomization import ALL_ROUND, randomized
+from turtlebot_gym_agents.training.randomization import randomized
 
 
 class Still:
@@ -46,19 +43,6 @@ def test_statistics_are_those_of_the_observations_after_each_step(steps, std):
         pytest.approx([0.5 * (steps + 1)] * 13),
         pytest.approx([std] * 13),
     )
-
-
-def test_half_of_the_actions_are_drawn_evenly():
-    envs = Still(13)
-    measure(envs, steady, (0, 0), seed=7, steps=200)
-    actions = np.concatenate(envs.actions)
-    assert actions.dtype == np.float32
-    unchanged = (actions == 0.25).all(axis=1)
-    assert unchanged.mean() == pytest.approx(0.5, abs=0.01)
-    stray = actions[~unchanged]
-    assert stray.min() == pytest.approx(-1.0, abs=0.01)
-    assert stray.max() == pytest.approx(1.0, abs=0.01)
-    assert stray.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.01)
 
 
 def test_ranges_are_spread_and_nothing_else():
@@ -95,15 +79,3 @@ def test_environments_differ_by_the_stated_ranges(monkeypatch):
     assert {p.delay for p in drawn} == {0.0, 1.0}
     assert np.mean([p.delay for p in drawn]) == pytest.approx(0.5, abs=0.1)
     assert len({p.tuning for p in drawn}) > 590  # each filter is matched to its own noise
-
-
-def test_rooms_differ_in_their_world_and_their_lidar():
-    base = make_parameters(noise="tutorial")
-    assert not any(p.room for p in randomized(base, 20, seed=3))
-    room = make_room(ROOMS["dense"], LIDARS["lds01"], base.dt)
-    rooms = [p.room for p in randomized(base._replace(reward=default_weights(IN_ROOMS), room=room), 1400, seed=3)]
-    weights = {"dense": 6, "office": 3, "cellular": 2, "clutter": 1, "corridor": 1, "crowd": 1, "people": 0}
-    share = {name: np.mean([drawn.rules == ROOMS[name] for drawn in rooms]) for name in weights}
-    assert share == {name: pytest.approx(weight / 14.0, abs=0.04) for name, weight in weights.items()}
-    for name in ALL_ROUND:
-        assert np.mean([drawn.lidar == LIDARS[name] for drawn in rooms]) == pytest.approx(0.25, abs=0.04)

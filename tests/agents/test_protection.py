@@ -174,15 +174,6 @@ def test_where_the_layer_has_stopped_a_robot_geometry_steers_for_a_while_until_i
         assert not own
 
 
-@pytest.mark.parametrize("number", ["reserve", "margin", "margin_behind", "least_margin", "lag"])
-def test_every_number_of_the_safety_layer_matters_and_is_checked(number):
-    rows, forward = random_sights(300), -1.0 if number == "margin_behind" else 1.0
-    small, large = ({"margin": 0.5, number: value} for value in (0.05, 0.5))
-    assert (layered(forward, 0.5, rows, **small) != layered(forward, 0.5, rows, **large)).any()
-    with pytest.raises(ValueError, match=number):
-        layered(1.0, 0.5, rows, **{number: -1.0})
-
-
 @pytest.mark.nightly
 def test_the_safety_layer_prevents_most_collisions_of_a_policy_that_sees_nothing():
     blind, layered = (evaluate(name, env=ROOMS, episodes=60, seed=3).summary() for name in ("bearing", "bearing+safety"))

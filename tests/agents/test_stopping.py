@@ -1,11 +1,7 @@
 """Trainings that stop early, when an evaluation reaches a target."""
 
-import re
 from dataclasses import replace
 
-import pytest
-
-from turtlebot_gym_agents import train as train_seeds
 from turtlebot_gym_agents.evaluation.driving import Judged
 from turtlebot_gym_agents.training import callbacks
 from turtlebot_gym_agents.training.config import TrainingConfig
@@ -39,16 +35,3 @@ def test_it_stops_only_if_all_episodes_agree(tmp_path, monkeypatch):
     result = train(config, tmp_path / "run", progress=False)
     assert (result.stopped, counts[:2]) == (None, [2, 8])
     assert result.steps == 4096
-
-
-def test_the_verdict_counts_the_trainings_that_reach_it(tmp_path):
-    config = replace(small, steps=1024, evaluations=1)
-    for until, count in (("return=-1e6", 1), ("success=1", 0)):
-        verdict = train_seeds(config, tmp_path / until, until=until, progress=False).verdict()
-        assert verdict.endswith(f"{count} of 1 trainings reached {until} in 8 episodes.")
-
-
-@pytest.mark.parametrize("until", ["success", "success=2", "success=0", "success=x", "reward=1", "return=inf", "", 1.0])
-def test_other_targets_are_refused(until):
-    with pytest.raises(ValueError, match=re.escape("until must be success=SHARE up to 1, or return=VALUE")):
-        TrainingConfig(until=until)

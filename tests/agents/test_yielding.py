@@ -143,12 +143,6 @@ def test_more_robots_reach_their_goals_among_people():
     assert shares[0].high < shares[1].low
 
 
-def test_its_memory_is_that_of_the_policy_within():
-    policy = make_policy("planner+yield")
-    assert policy.reset == policy.policy.reset
-    assert not hasattr(make_policy("bearing+yield"), "reset")
-
-
 def test_a_policy_that_stops_for_people_needs_tracks():
     with pytest.raises(ValueError, match=r"with .*scan.*tracks"):
         make_policy("vfh+yield")(np.zeros((2, 50), np.float32))

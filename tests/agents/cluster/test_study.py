@@ -35,14 +35,6 @@ HYPER = """default:
 """
 
 
-def test_cells_are_all_combinations():
-    grid = StudyGrid(policies=("bearing",), grid={"noise": ["clean", "rough"], "delay": [0, 2], "robot": "waffle"})
-    cells = grid.cells()
-    assert len(cells) == 4
-    assert cells[1] == {"env": NAV, "noise": "clean", "delay": 2, "robot": "waffle"}
-    assert grid.compare_with == "bearing"
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
