@@ -86,11 +86,7 @@ class StudyGrid:
 
 
 def read_grid(path: Path) -> StudyGrid:
-    """Read a study.
-
-    Raises:
-        ValueError: If the file is not YAML, or a field is unknown or invalid; the message names the file.
-    """
+    """Read a study; a refusal names the file."""
     content = load(path)
     try:
         if isinstance(content, Mapping) and "policies" in content:

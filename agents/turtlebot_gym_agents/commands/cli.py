@@ -35,11 +35,7 @@ def commands() -> dict[str, Callable[..., Any]]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return the exit status: 0, or 2 with one line of explanation if the request is invalid.
-
-    Args:
-        argv: Arguments; None for those of the process.
-    """
+    """Run a command and return the exit status: 0, or 2 with one line of explanation if the request is invalid."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # pyright: ignore[reportAttributeAccessIssue]  # no result is lost at the end

@@ -45,11 +45,7 @@ BATCH = 1024
 
 
 def paired(first: Evaluation, second: Evaluation) -> Interval:
-    """Return the mean paired difference of times of two evaluations with the same seeds, s; a failure counts as the limit.
-
-    Raises:
-        ValueError: If their seeds are not the same.
-    """
+    """Return the mean paired difference of times of two evaluations with the same seeds, s; a failure counts as the limit."""
     if not np.array_equal(first.episodes.seed, second.episodes.seed):
         raise ValueError("Evaluations can be compared in pairs only if they have the same seeds.")
     return metrics.mean(first.times() - second.times())

@@ -25,7 +25,6 @@ WIDTH = 120
 """Width of printed tables, characters."""
 DPI = 80
 """Resolution of the figure in a notebook, pixels per inch."""
-_CELL = "text-align:left;padding:0.1em 0.8em"
 
 
 class Result:
@@ -72,11 +71,7 @@ class Result:
         write_json(Path(path), result, config=config)
 
     def __getitem__(self, name: str) -> Any:
-        """Return an array by its name.
-
-        Raises:
-            KeyError: If there is none; the message names those that there are.
-        """
+        """Return an array by its name; the refusal of another one names those that there are."""
         arrays = self.arrays
         if name not in arrays:
             raise KeyError(f"there is no {name!r}: there are {', '.join(arrays)}.{did_you_mean(name, arrays)}")
@@ -95,8 +90,8 @@ class Result:
         self.plot(figure.subplots())
         figure.savefig(picture, format="png", dpi=DPI)
         encoded = base64.b64encode(picture.getvalue()).decode()
-        shown = [*map(html_of, self.tables()), f"<p>{html.escape(self.verdict())}</p>"]
-        return "".join((*shown, f'<img alt="the figure of plot()" src="data:image/png;base64,{encoded}">'))
+        shown = f"<pre>{html.escape(text_of(self.tables()))}</pre><p>{html.escape(self.verdict())}</p>"
+        return "".join((shown, f'<img alt="the figure of plot()" src="data:image/png;base64,{encoded}">'))
 
 
 def axes_or_new(axes: Axes | None) -> Axes:
@@ -121,23 +116,6 @@ def text_of(tables: Sequence[Table]) -> str:
     console = Console(file=io.StringIO(), width=WIDTH, color_system=None, force_terminal=False, force_jupyter=False)
     console.print(*tables)
     return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines())  # type: ignore[attr-defined]
-
-
-def html_of(table: Table) -> str:
-    """Return a table in HTML."""
-    from rich.text import Text
-
-    def row(kind: str, cells: Sequence[Any]) -> str:
-        texts = (html.escape(Text.from_markup(str(cell)).plain) for cell in cells)
-        return "<tr>" + "".join(f'<{kind} style="{_CELL}">{text}</{kind}>' for text in texts) + "</tr>"
-
-    columns = [list(column.cells) for column in table.columns]
-    lines = [
-        row("th", [column.header for column in table.columns]),
-        *(row("td", cells) for cells in zip(*columns, strict=True)),
-    ]
-    below = f"<p><small>{html.escape(str(table.caption))}</small></p>" if table.caption else ""
-    return f"<table><caption>{html.escape(str(table.title or ''))}</caption>{''.join(lines)}</table>{below}"
 
 
 def _cells(column: Sequence[Any] | NDArray[Any]) -> list[Any]:

@@ -63,17 +63,9 @@ def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
 
 
 def replay(*files: str | Path, **options: Any) -> Any:
-    """Run a filter over recorded drives with known truth, as `turtlebot-gym replay`. Needs the extra [lab].
+    """Run a filter over recorded drives with known truth, as `turtlebot-gym replay`, and return errors and NEES of each.
 
-    Args:
-        *files: Recordings with truth: bags, laser arrays, or tables with named columns.
-        **options: The command's: ``filter``, ``noise``, ``measured``, ``seeds``, ``rate``, ...
-
-    Returns:
-        The errors and the NEES of each recording, as a result that prints, plots and can be written.
-
-    Raises:
-        ImportError: If the lab is not installed; the message names the extra.
-        ValueError: If a recording cannot be read, or an argument is unknown or out of its range.
+    The files are bags, laser arrays, or tables with named columns; the options are the command's: ``filter``, ``noise``,
+    ``measured``, ``seeds``, ``rate``, ... It needs the extra [lab].
     """
     return satellite("replay")(*map(Path, files), **options)

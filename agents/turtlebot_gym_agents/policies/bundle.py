@@ -98,8 +98,7 @@ def described(terms: Sequence[ObservationTerm]) -> tuple[dict[str, Any], ...]:
 def term_on(content: Any) -> ObservationTerm:
     """Return a term of a card; one of somebody's own has no kernel, since its module need not be here.
 
-    Raises:
-        ValueError: If the entry is not a term, or has other numbers than the term of its name here.
+    An entry that is no term, or has other numbers than the term of its name here, is refused.
     """
     try:
         name, low, high = content["name"], tuple(content["low"]), tuple(content["high"])

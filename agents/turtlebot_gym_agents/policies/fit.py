@@ -37,11 +37,7 @@ def describe_robot(robot: str | Robot) -> dict[str, Any]:
 
 
 def robot_of(described: Mapping[str, Any]) -> Robot:
-    """Return the robot of a description by `describe_robot`.
-
-    Raises:
-        ValueError: If the description is invalid.
-    """
+    """Return the robot of a description by `describe_robot`."""
     limits = {name: math.inf if limit is None else limit for name, limit in described.items() if name != "name"}
     return build(Robot, limits, "robot")
 
@@ -53,11 +49,7 @@ def parameters_of(envs: Any) -> Parameters:
 
 
 def require_task(policy: object, name: str, env: str, observation: str) -> None:
-    """Refuse a policy, of a name in the message, whose card names another task, or another pose that the robot observes.
-
-    Raises:
-        Mismatch: If task or observation differs; the message names both.
-    """
+    """Refuse a policy, of a name in the message, whose card names another task, or another pose that the robot observes."""
     card: Any = getattr(policy, "card", None)
     same = {MISSIONS: ROOMS}
     if card is not None and (same.get(card.env, card.env), card.observation) != (same.get(env, env), observation):
@@ -67,11 +59,7 @@ def require_task(policy: object, name: str, env: str, observation: str) -> None:
 
 
 def require_terms(policy: object, name: str, env: str) -> None:
-    """Refuse a policy, of a name in the message, that cannot read the observations of an environment of this package.
-
-    Raises:
-        ValueError: If it cannot read them; the message names the environment to choose.
-    """
+    """Refuse a policy, of a name in the message, that cannot read the observations of an environment of this package."""
     names, card = {term.name for term in terms_of(policy) or ()}, getattr(policy, "card", None)
     if SCAN.name in names and env in OPEN:
         raise ValueError(f"{name}: it steers by a LiDAR, which {env} does not have: choose --env {ROOMS}.")
@@ -82,11 +70,7 @@ def require_terms(policy: object, name: str, env: str) -> None:
 def require_fit(
     path: str | Path, made_for: Mapping[str, Any], made_dt: float, robot: str | Robot | None, dt: float | None
 ) -> None:
-    """Refuse a policy that was made for another robot, by its description, or another rate; None skips a comparison.
-
-    Raises:
-        Mismatch: If robot or rate differs; the message names every difference.
-    """
+    """Refuse a policy that was made for another robot, by its description, or another rate; None skips a comparison."""
     wanted = made_for if robot is None else describe_robot(robot)
     others = [name for name, limit in wanted.items() if name not in ("name", "radius") and limit != made_for.get(name)]
     period = made_dt if dt is None else dt

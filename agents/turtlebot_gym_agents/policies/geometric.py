@@ -103,13 +103,13 @@ class BearingPolicy(Baseline):
 
 @dataclass(eq=False, kw_only=True)
 class CornerPolicy(BearingPolicy):
-    """Cut corners: steer as `BearingPolicy` does, but to a point inside the bend towards the following waypoint.
+    """Cut corners: steer as `BearingPolicy` does, but to a point inside the bend towards the following waypoint, if there is
+    one.
 
     The point lies on the bisector of the angle at the waypoint, between the robot and the following waypoint: to first order, a
-    shortest path that touches a circle around the waypoint touches it there. The point is ``cut`` away from the waypoint, but
-    no further along the bisector than a share of the distance to the nearer of the two. So it never lies beyond the straight
-    line between them, and a robot whose estimate is in the circle while its true pose is not still comes nearer. Without a
-    following waypoint this is `BearingPolicy`.
+    shortest path that touches a circle around the waypoint touches it there. It is ``cut`` away from the waypoint, but no
+    further along the bisector than a share of the distance to the nearer of the two: so it never lies beyond the straight line
+    between them, and a robot whose estimate is in the circle while its true pose is not still comes nearer.
     """
 
     cut: Positive = 0.26

@@ -1,14 +1,13 @@
 """Stop for people: stand while a tracked person may come into contact before the robot could stop.
 
 Only contact with a moving robot counts. A command acts one interval late and holds until the next one, so the way must be free
-until the next command could have stopped the robot. A disc holds each person's place with probability 95 %. If all tracked
-people stay within their discs, a robot whose speed follows commands at once touches none of them while it moves. Only the
-nearest tracks are known. This module needs only numpy.
+until the next command could have stopped the robot. A disc holds each person's place with probability 95 %: if all tracked
+people stay within theirs, a robot whose speed follows commands at once touches none of them while it moves. Only the nearest
+tracks are known.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any
 
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.config import POSITIVE, Range, check_fields
 from turtlebot_gym.models.unicycle import limit
-from turtlebot_gym.observations import NEAREST, ROOM, TRACKS, TWIST, ObservationTerm
+from turtlebot_gym.observations import NEAREST, ROOM, TRACKS, TWIST
 from turtlebot_gym.observations.columns import columns_of
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
@@ -44,38 +43,6 @@ def passing(
     return at, np.linalg.norm(to + walks * at[..., None], axis=-1) - grows * at
 
 
-class PeopleStop:
-    """Decides which actions could bring the robot into contact with a tracked person before the robot stands.
-
-    Observations have the ``terms``, with `TWIST` and `TRACKS`; with probability ``confidence`` a person is within the disc that
-    the robot avoids, if the tracks' deviations are right. The control interval ``dt`` is in s.
-    """
-
-    def __init__(self, robot: Robot, dt: float, terms: Sequence[ObservationTerm], confidence: float = 0.95) -> None:
-        self._robot, self._dt = robot, dt
-        self._twist, self._tracks = (columns_of((term,), terms) for term in (TWIST, TRACKS))
-        self._stopped = dt + robot.max_linear / robot.max_linear_acceleration  # after an action begins to act
-        # The radius that holds a share of a normal distribution in the plane, in roots of the trace of its covariance.
-        self._sure = np.sqrt(-np.log1p(-confidence))
-
-    def __call__(self, observations: NDArray[np.float32], actions: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Return a mask (...) for observations (..., n) and the actions (..., 2) that would follow."""
-        limits = self._robot.max_linear, self._robot.max_angular
-        v_now, omega_now = np.moveaxis(observations[..., self._twist].astype(np.float64) * limits, -1, 0)
-        wanted = (actions.astype(np.float64) * limits).reshape(-1, 2)
-        kept = [tuple(limit(Command(*command), self._robot)) for command in wanted.tolist()]
-        v, omega = np.moveaxis(np.array(kept).reshape(actions.shape), -1, 0)
-        place, heading = arc(v_now, omega_now, self._dt)
-        drives = v * heading
-        tracks = observations[..., self._tracks].reshape(*v.shape, NEAREST, -1).astype(np.float64)
-        walks, grows = tracks[..., 2:4], self._sure * tracks[..., 5]
-        to = tracks[..., :2] + self._dt * walks - np.stack([place.real, place.imag], axis=-1)[..., None, :]
-        _, least = passing(to, walks - np.stack([drives.real, drives.imag], axis=-1)[..., None, :], self._stopped, grows)
-        bend = 0.5 * np.abs(v * omega)[..., None] * self._stopped**2  # distance of the arc from the straight way
-        near = self._robot.radius + tracks[..., 6] + self._sure * tracks[..., 4] + self._dt * grows + bend
-        return np.asarray(((least < near) & (tracks[..., 7] > 0.0)).any(axis=-1))
-
-
 @dataclass(eq=False)
 class Yielding:
     """Drive by a policy, and stand still while the robot might meet somebody before it stands.
@@ -83,9 +50,6 @@ class Yielding:
     The term `turtlebot_gym.observations.TRACKS` gives each person's place and velocity with standard deviations. A stopped
     robot does not turn either, since wheels sway and may move its edge into a person. Obstacles that stand are left to a
     `SafetyLayer` within this policy.
-
-    Raises:
-        ValueError: If a number is out of its range.
     """
 
     policy: Policy
@@ -106,7 +70,11 @@ class Yielding:
         self.terms = (*own, *(term for term in (TWIST, TRACKS) if term not in own))
         """The terms of its observations."""
         self._shown = shown(self.policy, "policy", self.terms)
-        self._stop = PeopleStop(make_robot(self.robot), self.dt, self.terms, self.confidence)
+        self._robot = make_robot(self.robot)
+        self._twist, self._tracks = (columns_of((term,), self.terms) for term in (TWIST, TRACKS))
+        self._stopping = self.dt + self._robot.max_linear / self._robot.max_linear_acceleration  # after an action begins to act
+        # The radius that holds a share of a normal distribution in the plane, in roots of the trace of its covariance.
+        self._sure = np.sqrt(-np.log1p(-self.confidence))
         if isinstance(self.policy, PolicyWithMemory):
             self.reset = self.policy.reset
 
@@ -114,5 +82,22 @@ class Yielding:
         """Return actions (..., 2) for observations (..., n) of `terms`."""
         seen = numbers_of(observations, self.terms).astype(np.float32)
         actions = np.array(self._shown(seen), np.float32)
-        actions[self._stop(seen, actions)] = 0.0
+        actions[self._meets(seen, actions)] = 0.0
         return actions
+
+    def _meets(self, observations: NDArray[np.float32], actions: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Return where a robot could meet somebody before it stands, for actions (..., 2) after observations (..., n)."""
+        limits = self._robot.max_linear, self._robot.max_angular
+        v_now, omega_now = np.moveaxis(observations[..., self._twist].astype(np.float64) * limits, -1, 0)
+        wanted = (actions.astype(np.float64) * limits).reshape(-1, 2)
+        kept = [tuple(limit(Command(*command), self._robot)) for command in wanted.tolist()]
+        v, omega = np.moveaxis(np.array(kept).reshape(actions.shape), -1, 0)
+        place, heading = arc(v_now, omega_now, self.dt)
+        drives = v * heading
+        tracks = observations[..., self._tracks].reshape(*v.shape, NEAREST, -1).astype(np.float64)
+        walks, grows = tracks[..., 2:4], self._sure * tracks[..., 5]
+        to = tracks[..., :2] + self.dt * walks - np.stack([place.real, place.imag], axis=-1)[..., None, :]
+        _, least = passing(to, walks - np.stack([drives.real, drives.imag], axis=-1)[..., None, :], self._stopping, grows)
+        bend = 0.5 * np.abs(v * omega)[..., None] * self._stopping**2  # distance of the arc from the straight way
+        near = self._robot.radius + tracks[..., 6] + self._sure * tracks[..., 4] + self.dt * grows + bend
+        return np.asarray(((least < near) & (tracks[..., 7] > 0.0)).any(axis=-1))

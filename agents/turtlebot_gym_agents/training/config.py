@@ -34,10 +34,9 @@ RANDOMIZED = ("speed_error", "turn_error", "veer")
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingConfig(Options):
-    """Configuration of a training run, which says everything that its result depends on.
+    """Configuration of a training run, which says everything that its result depends on, with the options of its environments.
 
-    The options of the environments are fields of it. With ``randomize`` those of noise, filter, delay, world and LiDAR are for
-    the evaluation.
+    With ``randomize`` those of noise, filter, delay, world and LiDAR are for the evaluation.
     """
 
     env: str = "nav"
@@ -164,11 +163,7 @@ class TrainingConfig(Options):
 
 
 def require_env(env: str) -> str:
-    """Return the id of an environment that is given by it or by its short name.
-
-    Raises:
-        ValueError: If none is registered under it.
-    """
+    """Return the id of an environment that is given by it or by its short name, and is registered."""
     env = environment_id(env)
     if not isinstance(env, str) or env not in registry:
         ids = [spec.id for spec in registry.values() if spec.namespace == "turtlebot_gym"]

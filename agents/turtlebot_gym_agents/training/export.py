@@ -169,11 +169,7 @@ def _options_in(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def load_model(path: Path, algo: Any, *, allow_pickle: bool = False) -> Any:
-    """Load a model of Stable-Baselines3, whose algorithm is a name in `config.NAMES`.
-
-    Raises:
-        ValueError: If ``allow_pickle`` is false, or the file is not such a model.
-    """
+    """Load a model of Stable-Baselines3, whose algorithm is a name in `config.NAMES`; ``allow_pickle`` must be true."""
     if not allow_pickle:
         raise ValueError(
             f"{path} holds pickled objects, and loading those can run any code. If you trust its source, add "
@@ -254,8 +250,7 @@ def _converted(
 def _statistics_of(model: Any, given: Any) -> Any:
     """Return what normalizes a model's observations: what is given, else the `VecNormalize` of its environment.
 
-    Raises:
-        ValueError: If that is unknown, or another wrapper changes the observations.
+    Refuse a model of which that is unknown, or that another wrapper gives other observations.
     """
     from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 

@@ -28,11 +28,8 @@ _SEED, _RESTARTS, _STRAY = 2**43, 0.01, 0.5
 class Normalization(nn.Module):
     """Shift, scale and clip observations by statistics, in the precision of these, as their library does.
 
-    Args:
-        source: A `VecNormalize` of Stable-Baselines3, or a `NormalizeObservation` of Gymnasium.
-
-    Raises:
-        ValueError: If it holds no finite statistics of one-dimensional observations.
+    The source is a `VecNormalize` of Stable-Baselines3, or a `NormalizeObservation` of Gymnasium, with finite statistics of
+    one-dimensional observations.
     """
 
     mean: torch.Tensor
@@ -177,8 +174,7 @@ def _begin(policy: Policy, mask: NDArray[np.bool_]) -> None:
 def difference(bundle: BundlePolicy, original: PolicyWithMemory | None, envs: VectorEnv, steps: int) -> float:
     """Return the largest difference of the actions of two policies in environments; without an original, 0.
 
-    Raises:
-        ValueError: If an action depends on the other rows.
+    A bundle is refused if an action depends on the other rows.
     """
     observations, _ = envs.reset(seed=_SEED)
     begins, alone = np.ones(envs.num_envs, np.bool_), list[NDArray[np.float32]]()
