@@ -25,42 +25,39 @@ ERRORS = (
 STEERED = {"ekf": "the estimate", "odometry": "raw odometry", "truth": "the true pose", "located": "the localizer's pose"}
 """What a policy steers by, by the name of the observation."""
 
-MORE = ("efficiency", "reached", "miss", "effort")
-"""Numbers of a summary that are details."""
+BRIEF = {"efficiency": 3, "reached": 2, "miss": 2, "effort": 2}
+"""Numbers of a summary that are details, with their digits."""
 
 
 def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, details: bool = True) -> tuple[Table, ...]:
-    """Return tables of results by label, on the same seeds; with details, of more than what decides between policies."""
+    """Return tables of results by label, on the same seeds; with details, of more than what decides between policies.
+
+    Where waypoints follow by time, how near the robot comes to them decides, and no success or time.
+    """
     first = next(iter(evaluations.values()))
-    details = details or first.config.get("switch") == "time"  # then no time decides
-    columns = ("efficiency", "reached", "miss, m", "effort", "false arrivals, %") if details else ()
-    driven = Table(
-        "",
-        "success, %",
-        "to goal, s",
-        "time*, s",
-        "difference, s",
-        *columns,
-        title=title,
-        caption="95 % intervals. * A failed episode counts as the time limit; difference: paired, from the first row",
-    )
+    by_time = first.config.get("switch") == "time"
+    columns = ("miss, m", "false arrivals, %", "reached", "effort")
+    if not by_time:
+        columns = ("success, %", "to goal, s", "time*, s", "difference, s", *(("efficiency", *columns) if details else ()))
+    starred = "* A failed episode counts as the time limit; difference: paired, from the first row"
+    driven = Table("", *columns, title=title, caption="means over episodes" if by_time else f"95 % intervals. {starred}")
     estimate = Table("", *ERRORS, title="errors of the estimate, mean over episodes")
     odometry = Table("", *ERRORS, title="errors of raw odometry, mean over episodes")
     summaries = {label: evaluation.summary() for label, evaluation in evaluations.items()}
     for label, evaluation in evaluations.items():
         s = summaries[label]
-        beside = [interval_cell(s[name], 3 if name == "efficiency" else 2, brief=True) for name in MORE]
-        driven.add_row(
-            label,
-            "-" if evaluation.config.get("switch") == "time" else f"{s['success']:.1%}",
-            interval_cell(s["time_to_goal"], 2),
-            interval_cell(s["time"], 2),
-            "" if evaluation is first else interval_cell(paired(evaluation, first), 2),
-            *([*beside, f"{s['false_arrival']:.1%}"] if details else ()),
-        )
+        cells = {name: interval_cell(s[name], digits, brief=True) for name, digits in BRIEF.items()}
+        cells |= {"false arrivals, %": f"{s['false_arrival']:.1%}", "success, %": f"{s['success']:.1%}"}
+        cells |= {
+            "to goal, s": interval_cell(s["time_to_goal"], 2),
+            "time*, s": interval_cell(s["time"], 2),
+            "miss, m": cells["miss"],
+        }
+        cells["difference, s"] = "" if evaluation is first else interval_cell(paired(evaluation, first), 2)
+        driven.add_row(label, *(cells[str(column.header)] for column in driven.columns[1:]))
         estimate.add_row(label, *error_cells(evaluation.episodes.estimate))
         odometry.add_row(label, *error_cells(evaluation.episodes.odometry))
-    tables = [driven, estimate, odometry] if details else [driven]
+    tables = [driven, estimate, odometry] if details or by_time else [driven]
     if all("collision" in summary for summary in summaries.values()):
         tables.insert(1, _rooms_table(summaries, details=details))
     if all("goals" in summary for summary in summaries.values()):
