@@ -126,8 +126,13 @@ class Deployment:
         """Last action of the policy, shape (2,), in [-1, 1] or clipped to it."""
         if filter is not None and self.is_located:
             raise ValueError("filter must be None for a policy that reads 'evidence': it is a localizer's.")
-        self.filter = None if filter is None else _inside(make_filter(filter, noise), self.period, integrator)
+        self.filter: KalmanFilter | None = None
         """The filter inside, with its belief; None without one."""
+        if filter is not None:
+            tuning = make_filter(filter, noise)
+            if more := set(filter_of(tuning).reads) - {"odometry"}:
+                raise ValueError(f"filter must read odometry only, but this one also reads {', '.join(sorted(more))}.")
+            self.filter = KalmanFilter(tuning, dt=self.period, integrator=integrator)
         self._agreement = Agreement(self.robot, noise, leaps=filter is None)
         self.reset()
 
@@ -155,28 +160,22 @@ class Deployment:
         evidence: ArrayLike | None = None,
         own: Mapping[str, ArrayLike] | None = None,
     ) -> Command:
-        """Return the command for the next control period, within the robot's limits; m/s, rad/s.
+        """Return the command for the next control period, within the robot's limits; `STOP` while there is a `disagreement`.
 
         Call it once per period. Poses and goals are in one world frame.
 
         Args:
             pose: x, y and heading; m, rad. With a filter inside, odometry's, or None if none arrived in this period.
-            covariance: Variances of x, y and heading, or their 3 x 3 matrix; m^2, rad^2; zeros for exact poses. None with a
-                filter inside, which states its own.
+            covariance: Variances of x, y and heading, or their 3 x 3 matrix; zeros for exact poses, None with a filter inside.
             twist: Speed and turning rate in the robot's frame, m/s and rad/s: estimated, or as measured by the wheels.
             scan: The LiDAR's newest scan as its driver sends it; None if the policy sees none.
             goal: The waypoint to reach: x, y and heading.
             following: The waypoint after it; None if there is none.
-            nis: Normalized innovation squared of the localization's last measurement; 0 for exact poses, and with a filter
-                inside, which computes its own.
+            nis: Normalized innovation squared of the last measurement; 0 for exact poses, and with a filter inside.
             scan_age: Age of the scan by its stamp, s.
             dt: Time since the last call, s, for a filter inside; None for a period.
-            evidence: For a policy that reads "evidence" only, from a localizer: share of the last scan's beams that fit the
-                map, and weight of the best hypothesis.
+            evidence: For a policy that reads it, from a localizer: shares of fitting beams and of the best hypothesis.
             own: Numbers of each of `own_terms` by name; they are clipped to its bounds.
-
-        Returns:
-            The command; `STOP` while there is a `disagreement`.
 
         Raises:
             ValueError: With one line, if an input is invalid or does not fit; filter and policy then keep their memory.
@@ -291,13 +290,6 @@ class Deployment:
         else:
             filter.start(pose)
             self._begun = True
-
-
-def _inside(tuning: FilterTuning, dt: float, integrator: str) -> KalmanFilter:
-    """Return the filter inside."""
-    if more := set(filter_of(tuning).reads) - {"odometry"}:
-        raise ValueError(f"filter must read odometry only, but this one also reads {', '.join(sorted(more))}.")
-    return KalmanFilter(tuning, dt=dt, integrator=integrator)
 
 
 def _recurrent(policy: Any) -> Any:
