@@ -206,9 +206,29 @@ def test_time_alone_ends_no_refusal_and_begin_does():
     assert agreement.judge(0.0, away) == ""
 
 
-def test_the_explanation_of_a_drive_in_the_frame_of_the_world_is_that_frame():
-    told = (0.3 * math.cos(1.2), 0.0, 0.0)
-    assert _explanation(1.2, (0.3, 0.0, 0.0), told, (0.05, 0.05, 0.1)) == "the twist is in the world's frame"
+TOLD, THETA = (0.3, 0.12, 0.5), 1.2
+X, Y = 0.3 * math.cos(2.4) - 0.12 * math.sin(2.4), -0.3 * math.sin(2.4) - 0.12 * math.cos(2.4)
+
+
+@pytest.mark.parametrize(
+    ("moved", "text"),
+    [
+        ((0.0, 0.0, 0.0), "the pose does not move"),
+        ((0.3, 0.12, 0.0), "the heading stands still"),
+        ((-0.3, -0.12, 0.5), "the pose moves against the speed"),
+        ((0.3, -0.12, -0.5), "the heading turns against the turning rate"),
+        ((X, Y, 0.5), "as if y had the wrong sign"),
+        ((-Y, X, 0.5), "as if x and y were swapped"),
+        ((0.9, 0.36, 0.5), "the pose moves 3 times as far as the twist says"),
+        ((0.1, 0.04, 0.5), "the twist is 3 times too large"),
+        ((0.3 / math.cos(THETA), 0.12 / math.cos(THETA), 0.5), "the twist is in the world's frame"),
+        ((1.0, -1.0, 0.5), ""),
+    ],
+)
+def test_each_mistake_of_a_driver_is_told_by_its_motion(moved, text):
+    said = _explanation(THETA, moved, TOLD, (0.05, 0.05, 0.1))
+    assert text in said
+    assert bool(text) is bool(said)
 
 
 def test_a_twist_that_froze_shows_when_the_robot_turns_another_way():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from textbook import Textbook, believing, difference, off
+from textbook import MIDDLE, Textbook, believing, difference, off
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_filter
 from turtlebot_gym.estimation.filters import KalmanFilter, covariance_of, filter_of
@@ -106,23 +106,24 @@ def noisy_drive(seed, steps=80):
         yield command, Imu(omega + 0.04 + rng.normal(0.0, 0.01), math.nan), z if k == 0 or rng.random() > 0.1 else None
 
 
-def ours(tuning, seed):
+def ours(tuning, seed, integrator):
     """Yield a filter's estimate at each step of a drive, with what was commanded and seen."""
     start, step, *_ = filter_of(tuning)
     estimate = before = None
     for command, gyro, z in noisy_drive(seed):
         senses = SEEN(Odometry(z or before.odometry.pose, command, z is not None), gyro)
-        estimate = start(senses, tuning) if before is None else step(estimate, before, senses, tuning, DT, 0.0)
+        estimate = start(senses, tuning) if before is None else step(estimate, before, senses, tuning, DT, MIDDLE[integrator])
         before = senses
         yield estimate, command, gyro.omega, z
 
 
-def test_the_gyros_bias_is_a_sixth_state_of_the_textbooks_filter():
+@pytest.mark.parametrize("integrator", ["euler", "midpoint"])
+def test_the_gyros_bias_is_a_sixth_state_of_the_textbooks_filter(integrator):
     tuning, book = make_filter("gyro", NOISE, imu=GYRO), None
-    for estimate, command, turning, z in ours(tuning, 5):
+    for estimate, command, turning, z in ours(tuning, 5, integrator):
         if book is None:
             P = np.diag([*tuning.R, 0.0, 0.0, 0.05**2])
-            book = Textbook([*z, 0.0, 0.0, 0.0], P, tuning)
+            book = Textbook([*z, 0.0, 0.0, 0.0], P, tuning, DT, integrator)
         else:
             book.predict(command)
             book.P[5, 5] += GYRO.bias_walk**2 * DT
