@@ -45,7 +45,8 @@ def test_the_cheapest_path_is_dijkstras():
                 for step in (-13, -12, -11, -1, 1, 11, 12, 13):
                     if weight := int(weights.ravel()[cell + step]):
                         heapq.heappush(queue, (cost + (5 if abs(step) in (1, 12) else 7) * weight, cell + step))
-        costs, following = cheapest_way(weights.ravel(), 12, start, goal)
+        costs, following = np.empty((2, weights.size), np.int64)
+        cheapest_way(weights.ravel(), 12, start, goal, costs, following)
         assert costs[start] == best[start]
         while start != goal:
             assert costs[start] == best[start]

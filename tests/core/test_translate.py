@@ -20,13 +20,13 @@ def first_above(numbers, least):
 
 
 @kernel
-def swapped(numbers):
+def swap(numbers, out):
     now, then = numbers.copy(), np.zeros(len(numbers))
     for _ in range(3):
         for k in range(len(now)):
             then[k] = now[k - 1] + 0.1 * now[(k + 1) % len(now)]
         now, then = then, now
-    return now
+    out[:] = now
 
 
 def search(numbers, least):
@@ -35,7 +35,7 @@ def search(numbers, least):
 
 
 def count(numbers, least):
-    total, k = 0, 0
+    total, k = 0.0, 0
     while True:
         k += 1
         if k >= len(numbers):
@@ -47,7 +47,7 @@ def count(numbers, least):
 
 
 def turned(numbers, least):
-    numbers[2:5] = swapped(numbers)[1:4]
+    swap(numbers.copy(), numbers)
     table = np.full((2, 3), least)
     table[1] = numbers[:3]
     rows, columns = table.T.shape
@@ -68,15 +68,29 @@ def test_the_comparison_notices_another_function():
     assert compiled(count, "a function in tests")(numbers, 0.3) != count(numbers, 0.9)
 
 
-def described(numbers, least):
-    return {"least": least}
+@kernel
+def array_of(numbers):
+    return numbers.copy()
 
 
-def test_what_cannot_be_translated_is_named_with_its_place():
-    with pytest.raises(Untraceable, match=r"of the kernel 'described', .*cannot be compiled: Dict"):
-        compiled(described, "a function in tests")(np.zeros(2), 0.0)
+@kernel
+def summed(numbers):
+    total = 0
+    for k in range(len(numbers)):
+        total += numbers[k]
+    return total
 
 
-def test_the_same_of_a_lambda():
-    with pytest.raises(Untraceable, match=r"line \d+ of the kernel '<lambda>', .*cannot be compiled: Dict"):
-        compiled(lambda least: {"least": least}, "a function in tests")(0.0)
+REFUSED = {
+    "the variable 'total' holds a whole number first: begin with a float": lambda numbers: summed(numbers),
+    "'<lambda>', .*cannot be compiled: Dict": lambda numbers: {"least": numbers[0]},
+    "the kernel 'array_of' returns an array: let it take one to write to": lambda numbers: array_of(numbers)[0],
+    "the function <built-in function sorted>": lambda numbers: sorted(numbers)[0],
+    "a variable that holds tuple and Number": lambda numbers: (1.0, 2.0) if numbers[0] > 0.0 else numbers[0],
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_cannot_be_translated_is_named_with_its_place(what):
+    with pytest.raises(Untraceable, match=rf"line \d+ of the kernel .*{what}"):
+        compiled(REFUSED[what], "a function in tests")(np.zeros(2))

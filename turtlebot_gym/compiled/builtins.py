@@ -13,99 +13,89 @@ from turtlebot_gym import kernel
 from turtlebot_gym.compiled import native
 from turtlebot_gym.compiled.expressions import IN_PLACE, Span
 from turtlebot_gym.compiled.statements import put
-from turtlebot_gym.compiled.values import HALF, LOW, MAGIC, MEMORY, Address, Array, Number, Untraceable, is_constant, kind_of
+from turtlebot_gym.compiled.values import HALF, LOW, MAGIC, MEMORY, Address, Array, Number, Untraceable, is_constant
 
 
 def _stands_for(*functions: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     def register(emit: Callable[..., Any]) -> Callable[..., Any]:
-        for function in functions:
-            IN_PLACE[function] = emit
+        IN_PLACE.update(dict.fromkeys(functions, emit))
         return emit
 
     return register
 
 
-def _extreme(op: str) -> Callable[..., Any]:
+def _extreme(op: str, plain: Callable[..., Any]) -> Callable[..., Any]:
     def emit(body: Any, first: Any, *others: Any) -> Any:
-        items = (first, *others) if others else first
-        code = body.code
-
         def one(a: Any, b: Any) -> Any:
-            if is_constant(a) and is_constant(b):
-                return {"<": min, ">": max}[op](a, b)
-            return code.select(code.binary(op, b, a), b, a)
+            both = is_constant(a) and is_constant(b)
+            return plain(a, b) if both else body.code.select(body.code.binary(op, b, a), b, a)
 
-        return reduce(one, items)
-
-    return emit
-
-
-IN_PLACE[min], IN_PLACE[max] = _extreme("<"), _extreme(">")
-
-
-def _conversion(kind: str, plain: Callable[[Any], Any]) -> Callable[..., Any]:
-    return lambda body, value: body.code.converted(value, kind) if isinstance(value, Number) else plain(value)
-
-
-for _function in (int, np.int64, np.int32, np.uint8, np.int8, np.uint16):
-    IN_PLACE[_function] = _conversion("i", int)
-for _function in (float, np.float64):
-    IN_PLACE[_function] = _conversion("f", float)
-IN_PLACE[np.float32] = _conversion("s", np.float32)
-IN_PLACE[bool] = IN_PLACE[np.bool_] = _conversion("b", bool)
-
-
-@_stands_for(abs, math.fabs)
-def _abs(body: Any, x: Any) -> Any:
-    if is_constant(x):
-        return abs(x)
-    code = body.code
-    return code.intrinsic("fabs", x) if x.kind in "fs" else code.select(code.binary("<", x, 0), code.negative(x), x)
-
-
-@_stands_for(math.sqrt, kernel.sqrt, np.sqrt)
-def _sqrt(body: Any, x: Any) -> Any:
-    return math.sqrt(x) if is_constant(x) else body.code.intrinsic("sqrt", x)
-
-
-def _rounded(name: str) -> Callable[..., Any]:
-    def emit(body: Any, x: Any) -> Any:
-        if is_constant(x):
-            return getattr(math, name)(x)
-        return body.code.converted(body.code.intrinsic(name, x), "i") if x.kind in "fs" else x
+        return reduce(one, (first, *others) if others else first)
 
     return emit
 
 
-IN_PLACE[math.floor], IN_PLACE[math.ceil] = _rounded("floor"), _rounded("ceil")
-
-
-@_stands_for(kernel.floor, np.floor)
-def _floor(body: Any, x: Any) -> Any:
-    return body.code.intrinsic("floor", x)
-
-
-@_stands_for(math.isnan)
-def _is_nan(body: Any, x: Any) -> Any:
-    return math.isnan(x) if is_constant(x) else body.code.compare("!=", x, x, x.kind)
-
-
-@_stands_for(math.isfinite)
-def _is_finite(body: Any, x: Any) -> Any:
-    return math.isfinite(x) if is_constant(x) else body.code.binary("<", _abs(body, x), math.inf)
-
-
-@_stands_for(math.isinf)
-def _is_infinite(body: Any, x: Any) -> Any:
-    return math.isinf(x) if is_constant(x) else body.code.binary("==", _abs(body, x), math.inf)
-
-
+IN_PLACE[min], IN_PLACE[max] = _extreme("<", min), _extreme(">", max)
+for _kind, _types in {
+    "i": (int, np.int64, np.int32, np.uint8, np.int8, np.uint16),
+    "f": (float, np.float64),
+    "b": (bool, np.bool_),
+}.items():
+    for _type in _types:
+        IN_PLACE[_type] = lambda body, value, kind=_kind, type=_type: (
+            body.code.converted(value, kind) if isinstance(value, Number) else type(value)
+        )
+IN_PLACE[math.sqrt] = IN_PLACE[np.sqrt] = IN_PLACE[kernel.sqrt] = lambda body, x: body.code.library("llvm.sqrt", x)
+IN_PLACE[kernel.floor] = IN_PLACE[np.floor] = lambda body, x: body.code.library("llvm.floor", x)
 for _name in (
     *("exp", "expm1", "log", "log1p", "log2", "log10", "sin", "cos", "tan", "asin", "acos", "atan", "atan2"),
     *("sinh", "cosh", "tanh", "fmod", "pow", "copysign", "hypot"),
 ):
     IN_PLACE[getattr(math, _name)] = lambda body, *values, name=_name: body.code.library(name, *values)
 IN_PLACE[np.hypot] = IN_PLACE[math.hypot]
+for _name in ("floor", "ceil"):
+    IN_PLACE[getattr(math, _name)] = lambda body, x, name=_name: _rounded(body, x, name)
+
+
+def _rounded(body: Any, x: Any, name: str) -> Any:
+    if is_constant(x):
+        return getattr(math, name)(x)
+    return body.code.converted(body.code.library(f"llvm.{name}", x), "i") if x.kind == "f" else x
+
+
+@_stands_for(np.float32)
+def _single(body: Any, x: Any) -> Any:
+    """Return a number rounded to what 32 bits hold."""
+    if is_constant(x):
+        return np.float32(x)
+    single = body.code.put(f"fptrunc double {body.code.as_kind(x, 'f')} to float")
+    return body.code.number("f", f"fpext float {single} to double")
+
+
+@_stands_for(abs, math.fabs)
+def _abs(body: Any, x: Any) -> Any:
+    code = body.code
+    if is_constant(x) or x.kind == "f":
+        return abs(x) if is_constant(x) else code.library("llvm.fabs", x)
+    return code.select(code.binary("<", x, 0), code.negative(x), x)
+
+
+@_stands_for(math.isnan)
+def _is_nan(body: Any, x: Any) -> Any:
+    return body.code.binary("!=", x, x)
+
+
+@_stands_for(math.isfinite)
+def _is_finite(body: Any, x: Any) -> Any:
+    return body.code.binary("<", _abs(body, x), math.inf)
+
+
+@_stands_for(math.isinf)
+def _is_infinite(body: Any, x: Any) -> Any:
+    return body.code.binary("==", _abs(body, x), math.inf)
+
+
+# What kernels ask of the machine
 
 
 @_stands_for(kernel.times)
@@ -130,7 +120,7 @@ def _exactly(body: Any, n: Any) -> Any:
     code, name = body.code, body.code.as_kind(n, "i")
     if native.has("avx512dq"):
         return code.number("f", f"uitofp nneg i64 {name} to double")
-    return code.intrinsic("fabs", _exact(code, name, 0))  # so LLVM knows, too, that it is not negative
+    return code.library("llvm.fabs", _exact(code, name, 0))  # so LLVM knows, too, that it is not negative
 
 
 @_stands_for(kernel.split)
@@ -143,11 +133,7 @@ def _split(body: Any, x: Any) -> Any:
 
 IN_PLACE[kernel.thread] = lambda body: body.code.number("i", "call i64 @thread()")
 IN_PLACE[kernel.threads] = lambda body: body.code.number("i", "call i64 @threads()")
-
-
-@_stands_for(kernel.is_plain)
-def _is_plain(body: Any) -> bool:
-    return False
+IN_PLACE[kernel.is_plain] = lambda body: False
 
 
 @_stands_for(kernel.prefer_wide)
@@ -169,44 +155,21 @@ def _scratch(body: Any, size: int, element: str = "float64") -> Array:
     return Array(element, Address(body.code.room(kind, int(size), 64)), (int(size),), (width,))
 
 
-@_stands_for(len)
-def _length(body: Any, value: Any) -> Any:
-    return value.shape[0] if isinstance(value, Array) else len(value)
+# Python
+
+IN_PLACE[len] = lambda body, value: value.shape[0] if isinstance(value, Array) else len(value)
+IN_PLACE[kernel.lanes] = lambda body, count: Span(0, count, 1, True)
+IN_PLACE[getattr] = lambda body, value, name: getattr(value, name)
+IN_PLACE[tuple] = IN_PLACE[list] = lambda body, value=(): tuple(value)
+IN_PLACE[zip] = lambda body, *values, strict=False: tuple(zip(*values, strict=strict))
 
 
 @_stands_for(range)
 def _range(body: Any, *bounds: Any) -> Span:
-    return Span(0, bounds[0], 1) if len(bounds) == 1 else Span(bounds[0], bounds[1], bounds[2] if len(bounds) > 2 else 1)
+    return Span(0, bounds[0], 1) if len(bounds) == 1 else Span(*bounds, *((1,) if len(bounds) == 2 else ()))
 
 
-@_stands_for(kernel.lanes)
-def _lanes(body: Any, count: Any) -> Span:
-    return Span(0, count, 1, True)
-
-
-@_stands_for(getattr)
-def _getattr(body: Any, value: Any, name: str) -> Any:
-    return getattr(value, name)
-
-
-@_stands_for(tuple, list)
-def _tuple(body: Any, value: Any = ()) -> Any:
-    return tuple(value)
-
-
-@_stands_for(zip)
-def _zip(body: Any, *values: Any, strict: bool = False) -> Any:
-    return tuple(zip(*values, strict=strict))
-
-
-# New arrays
-
-
-def _element(kind: Any) -> str:
-    name = np.dtype(kind).name
-    if name not in MEMORY:
-        raise Untraceable(f"an array of {name}")
-    return name
+# New arrays, which live until the function returns
 
 
 def _strides(code: Any, sizes: tuple[Any, ...], element: str) -> tuple[Any, ...]:
@@ -217,58 +180,49 @@ def _strides(code: Any, sizes: tuple[Any, ...], element: str) -> tuple[Any, ...]
     return (*strides[-2::-1], strides[-1])
 
 
-def _new(body: Any, shape: Any, element: str) -> Array:
-    """Return an array that lives until the function returns."""
-    code = body.code
-    sizes = tuple(shape) if isinstance(shape, (tuple, list)) and not isinstance(shape, Number) else (shape,)
-    *strides, size = _strides(code, sizes, element)
-    code.module.declared.add("declare ptr @malloc(i64)")
-    address = code.put(f"call ptr @malloc(i64 {code.as_kind(size, 'i')})")
-    body.own(address)
-    return Array(element, Address(address), sizes, tuple(strides))
-
-
-@_stands_for(np.empty)
-def _empty(body: Any, shape: Any, dtype: Any = np.float64) -> Array:
-    return _new(body, shape, _element(dtype))
-
-
-def _filled(value: float) -> Callable[..., Any]:
+def _new(fill: float | None) -> Callable[..., Array]:
     def emit(body: Any, shape: Any, dtype: Any = np.float64) -> Array:
-        array = _new(body, shape, _element(dtype))
-        put(body, array, value)
+        code, element = body.code, np.dtype(dtype).name
+        if element not in MEMORY:
+            raise Untraceable(f"an array of {element}")
+        sizes = tuple(shape) if isinstance(shape, tuple) and not isinstance(shape, Number) else (shape,)
+        *strides, size = _strides(code, sizes, element)
+        code.module.declared.add("declare ptr @malloc(i64)")
+        address = code.put(f"call ptr @malloc(i64 {code.as_kind(size, 'i')})")
+        body.own(address)
+        array = Array(element, Address(address), sizes, tuple(strides))
+        if fill is not None:
+            put(body, array, fill)
         return array
 
     return emit
 
 
-IN_PLACE[np.zeros], IN_PLACE[np.ones] = _filled(0), _filled(1)
+IN_PLACE[np.empty], IN_PLACE[np.zeros], IN_PLACE[np.ones] = _new(None), _new(0), _new(1)
 
 
 @_stands_for(np.full)
 def _full(body: Any, shape: Any, value: Any, dtype: Any = None) -> Array:
-    element = {"f": "float64", "s": "float32", "i": "int64", "b": "bool"}[kind_of(value)] if dtype is None else _element(dtype)
-    array = _new(body, shape, element)
+    own = {"f": np.float64, "i": np.int64, "b": np.bool_}[value.kind] if isinstance(value, Number) else np.asarray(value).dtype
+    array = _new(None)(body, shape, dtype or own)
     put(body, array, value)
     return array
 
 
+IN_PLACE["fill"] = put
+
+
+@_stands_for("copy")
 def _copy(body: Any, array: Array) -> Array:
-    made = _new(body, array.shape, array.element)
+    made = _new(None)(body, array.shape, array.element)
     put(body, made, array)
     return made
 
 
-def _fill(body: Any, array: Array, value: Any) -> None:
-    put(body, array, value)
-
-
+@_stands_for("reshape")
 def _reshape(body: Any, array: Array, *lengths: Any) -> Array:
     """Return a row of adjacent numbers as a table, or as an array of more axes, of as many numbers."""
     if array.strides != (MEMORY[array.element][1],):
         raise Untraceable("another shape of what is not one row of adjacent numbers")
     shape = lengths[0] if isinstance(lengths[0], tuple) and not isinstance(lengths[0], Number) else lengths
     return Array(array.element, array.address, tuple(shape), _strides(body.code, tuple(shape), array.element)[:-1])
-
-
-IN_PLACE["copy"], IN_PLACE["fill"], IN_PLACE["reshape"] = _copy, _fill, _reshape

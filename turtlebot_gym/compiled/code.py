@@ -27,28 +27,34 @@ from turtlebot_gym.compiled.values import (
     wider,
 )
 
-_FLOAT = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv"}
-_WHOLE = {"+": "add nsw", "-": "sub nsw", "*": "mul nsw", "&": "and", "|": "or", "^": "xor", "<<": "shl", ">>": "ashr"}
-_COMPARED = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
-_FOLDED: dict[str, Callable[[Any, Any], Any]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "//": operator.floordiv,
-    "%": operator.mod,
-    "**": operator.pow,
-    "&": operator.and_,
-    "|": operator.or_,
-    "^": operator.xor,
-    "<<": operator.lshift,
-    ">>": operator.rshift,
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-    "==": operator.eq,
-    "!=": operator.ne,
+_OPERATORS: dict[str, tuple[Callable[[Any, Any], Any], str, str]] = {
+    "+": (operator.add, "fadd", "add nsw"),
+    "-": (operator.sub, "fsub", "sub nsw"),
+    "*": (operator.mul, "fmul", "mul nsw"),
+    "/": (operator.truediv, "fdiv", ""),
+    "//": (operator.floordiv, "", ""),
+    "%": (operator.mod, "", ""),
+    "**": (operator.pow, "", ""),
+    "&": (operator.and_, "", "and"),
+    "|": (operator.or_, "", "or"),
+    "^": (operator.xor, "", "xor"),
+    "<<": (operator.lshift, "", "shl"),
+    ">>": (operator.rshift, "", "ashr"),
+    "<": (operator.lt, "fcmp olt", "icmp slt"),
+    "<=": (operator.le, "fcmp ole", "icmp sle"),
+    ">": (operator.gt, "fcmp ogt", "icmp sgt"),
+    ">=": (operator.ge, "fcmp oge", "icmp sge"),
+    "==": (operator.eq, "fcmp oeq", "icmp eq"),
+    "!=": (operator.ne, "fcmp une", "icmp ne"),
+}
+"""Each operator in Python, and its instructions for floats and for integers."""
+_CONVERSIONS = {
+    "bi": "zext i1 {} to i64",
+    "bf": "select i1 {}, double 1.0, double 0.0",
+    "if": "sitofp i64 {} to double",
+    "fi": "fptosi double {} to i64",
+    "ib": "icmp ne i64 {}, 0",
+    "fb": "fcmp une double {}, 0.0",
 }
 
 
@@ -155,65 +161,46 @@ class Code:
 
     def as_kind(self, value: Any, kind: str) -> str:
         """Return LLVM's name of a number converted to a kind."""
-        own = kind_of(value)
         if is_constant(value):
             return constant(value != 0 if kind == "b" else value, kind)
-        if own == kind:
-            return value.name
-        given, to = LLVM[own], LLVM[kind]
-        if kind == "b":
-            zero = "icmp ne i64 {}, 0" if own == "i" else f"fcmp une {given} {{}}, 0.0"
-            return self.put(zero.format(value.name))
-        if own == "b" and kind in "fs":
-            return self.put(f"select i1 {value.name}, {to} 1.0, {to} 0.0")
-        verb = {
-            "bi": "zext", "if": "sitofp", "is": "sitofp", "fi": "fptosi", "si": "fptosi",
-            "sf": "fpext", "fs": "fptrunc",
-        }[own + kind]  # fmt: skip
-        return self.put(f"{verb} {given} {value.name} to {to}")
+        own = kind_of(value)
+        return value.name if own == kind else self.put(_CONVERSIONS[own + kind].format(value.name))
 
-    def converted(self, value: Any, kind: str) -> Any:
+    def converted(self, value: Any, kind: str) -> Number:
         """Return a number converted to a kind."""
-        if kind_of(value) == kind and not is_constant(value):
-            return value
-        return Number(kind, self.as_kind(value, kind))
+        return value if type(value) is Number and value.kind == kind else Number(kind, self.as_kind(value, kind))
 
     def binary(self, op: str, a: Any, b: Any) -> Any:
         """Return the result of an operator of Python."""
+        plain, of_floats, of_integers = _OPERATORS[op]
         if is_constant(a) and is_constant(b) and not (op in ("/", "//", "%") and b == 0):
-            value = _FOLDED[op](a, b)
+            value = plain(a, b)
             return signed(value) if type(value) is int else value
-        kinds = kind_of(a), kind_of(b)
-        kind = wider(*kinds)
-        if op in _COMPARED:
+        kind = wider(kind_of(a), kind_of(b))
+        if "cmp" in of_integers:
             return self.compare(op, a, b, "i" if kind == "b" else kind)
-        if op in "&|^" and kind == "b":
-            return self.number("b", f"{_WHOLE[op]} i1 {self.as_kind(a, 'b')}, {self.as_kind(b, 'b')}")
-        kind = "i" if kind == "b" else kind
-        if op == "**":
-            return self.power(a, b)
-        if op == "/":
-            kind = "f" if kind == "i" else kind
-        if op in ("//", "%") and kind == "i":
-            return self.divided(op, self.as_kind(a, "i"), self.as_kind(b, "i"))
-        x, y, own = self.as_kind(a, kind), self.as_kind(b, kind), LLVM[kind]
+        if op == "**":  # Python rounds a square as a product
+            return self.binary("*", a, a) if is_constant(b) and b == 2 else self.library("pow", a, b)
+        if kind == "b" and op in "&|^":
+            return self.number("b", f"{of_integers} i1 {self.as_kind(a, 'b')}, {self.as_kind(b, 'b')}")
+        kind = "f" if kind == "f" or op == "/" else "i"
+        x, y = self.as_kind(a, kind), self.as_kind(b, kind)
+        if kind == "i" and of_integers:
+            return self.number("i", f"{of_integers} i64 {x}, {y}")
         if kind == "i":
-            return self.number("i", f"{_WHOLE[op]} i64 {x}, {y}")
+            return self.divided(op, x, y)
         if op == "%":
-            rest = self.put(f"frem {own} {x}, {y}")
-            differs = self.put(f"fcmp olt {own} {self.put(f'fmul {own} {rest}, {y}')}, 0.0")
-            return self.number(kind, f"select i1 {differs}, {own} {self.put(f'fadd {own} {rest}, {y}')}, {own} {rest}")
-        if op not in _FLOAT:
+            rest = self.put(f"frem double {x}, {y}")
+            differs = self.put(f"fcmp olt double {self.put(f'fmul double {rest}, {y}')}, 0.0")
+            return self.number("f", f"select i1 {differs}, double {self.put(f'fadd double {rest}, {y}')}, double {rest}")
+        if not of_floats:
             raise Untraceable(f"the operator {op} of floats")
-        return self.number(kind, f"{_FLOAT[op]}{self.flags} {own} {x}, {y}")
+        return self.number("f", f"{of_floats}{self.flags} double {x}, {y}")
 
     def compare(self, op: str, a: Any, b: Any, kind: str) -> Number:
-        word = _COMPARED[op]
-        if kind in "fs":
-            predicate = "fcmp " + ("une" if op == "!=" else f"o{word}")
-        else:
-            predicate = "icmp " + (word if op in ("==", "!=") else f"s{word}")
-        return self.number("b", f"{predicate} {LLVM[kind]} {self.as_kind(a, kind)}, {self.as_kind(b, kind)}")
+        """Return whether numbers of a kind are as an operator says."""
+        instruction = _OPERATORS[op][1 if kind == "f" else 2]
+        return self.number("b", f"{instruction} {LLVM[kind]} {self.as_kind(a, kind)}, {self.as_kind(b, kind)}")
 
     def divided(self, op: str, a: str, b: str) -> Number:
         """Return the quotient, rounded down, or the remainder of two integers."""
@@ -224,42 +211,29 @@ class Code:
             return self.number("i", f"select i1 {off}, i64 {self.put(f'add i64 {rest}, {b}')}, i64 {rest}")
         return self.number("i", f"sub i64 {self.put(f'sdiv i64 {a}, {b}')}, {self.put(f'zext i1 {off} to i64')}")
 
-    def power(self, a: Any, b: Any) -> Any:
-        if is_constant(b) and isinstance(b, int) and 0 < b < 5:
-            square = self.binary("*", a, a)
-            return {1: a, 2: square, 3: self.binary("*", square, a), 4: self.binary("*", square, square)}[b]
-        return self.library("pow", a, b)
-
     def negative(self, a: Any) -> Any:
+        """Return a number with the other sign."""
         if is_constant(a):
             return -a
-        kind = "i" if a.kind == "b" else a.kind
-        name = self.as_kind(a, kind)
-        return self.number(kind, f"sub nsw i64 0, {name}" if kind == "i" else f"fneg {LLVM[kind]} {name}")
+        return self.number("f", f"fneg double {a.name}") if a.kind == "f" else self.binary("-", 0, a)
 
     def inverted(self, a: Any) -> Any:
+        """Return whether a condition does not hold."""
         return (not a) if is_constant(a) else self.number("b", f"xor i1 {self.as_kind(a, 'b')}, true")
 
-    def select(self, condition: Any, a: Any, b: Any) -> Any:
+    def select(self, condition: Any, a: Any, b: Any) -> Number:
         """Return a where a condition holds, else b."""
         kind = wider(kind_of(a), kind_of(b))
         own, chosen = LLVM[kind], self.as_kind(condition, "b")
         return self.number(kind, f"select i1 {chosen}, {own} {self.as_kind(a, kind)}, {own} {self.as_kind(b, kind)}")
 
-    def intrinsic(self, name: str, value: Any) -> Number:
-        kind = kind_of(value) if kind_of(value) in "fs" else "f"
-        own = LLVM[kind]
-        full = f"llvm.{name}.{'f64' if kind == 'f' else 'f32'}"
-        self.module.declared.add(f"declare {own} @{full}({own})")
-        return self.number(kind, f"call {own} @{full}({own} {self.as_kind(value, kind)})")
-
     def library(self, name: str, *values: Any) -> Any:
-        """Return the result of a function of the C library."""
+        """Return the result of a function of the C library, or of LLVM, such as "llvm.floor"."""
         if all(map(is_constant, values)):
-            return getattr(math, name)(*values)
-        self.module.declared.add(f"declare double @{name}({', '.join(['double'] * len(values))})")
-        arguments = ", ".join(f"double {self.as_kind(value, 'f')}" for value in values)
-        return self.number("f", f"call double @{name}({arguments})")
+            return getattr(math, name.split(".")[-1])(*values)
+        full, given = f"{name}.f64" if "." in name else name, [f"double {self.as_kind(value, 'f')}" for value in values]
+        self.module.declared.add(f"declare double @{full}({', '.join(['double'] * len(values))})")
+        return self.number("f", f"call double @{full}({', '.join(given)})")
 
     # Memory
 
@@ -307,19 +281,25 @@ class Code:
         return self.select(self.compare(">", value, length, "i"), length, value)
 
     def load(self, array: Array) -> Number:
+        """Return the number of an array without axes."""
         kind, size, own = MEMORY[array.element]
         name = self.put(f"load {kind}, ptr {array.address.name}, align {size}")
         if own == "b":
             return self.number("b", f"icmp ne i8 {name}, 0")
-        if kind[0] != "i" or size == 8:
+        if kind == "float":
+            return self.number("f", f"fpext float {name} to double")
+        if kind in ("double", "i64"):
             return Number(own, name)
         return self.number("i", f"{'zext' if array.element.startswith('u') else 'sext'} {kind} {name} to i64")
 
     def store(self, array: Array, value: Any) -> None:
+        """Write a number to an array without axes."""
         kind, size, own = MEMORY[array.element]
         name = self.as_kind(value, own)
         if own == "b":
             name = self.put(f"zext i1 {name} to i8")
-        elif kind[0] == "i" and size < 8:
+        elif kind == "float":
+            name = self.put(f"fptrunc double {name} to float")
+        elif kind not in ("double", "i64"):
             name = self.put(f"trunc i64 {name} to {kind}")
         self.do(f"store {kind} {name}, ptr {array.address.name}, align {size}")

@@ -89,11 +89,6 @@ def of_Attribute(body: Any, node: ast.Attribute) -> Any:
         return value.shape
     if node.attr == "T":
         return Array(value.element, value.address, value.shape[::-1], value.strides[::-1])
-    if node.attr == "size":
-        size = value.shape[0]
-        for length in value.shape[1:]:
-            size = body.code.binary("*", size, length)
-        return size
     return MethodType(IN_PLACE[node.attr], value)
 
 
@@ -225,10 +220,7 @@ def of_Call(body: Any, node: ast.Call) -> Any:
     if emit is not None:
         return emit(body, *arguments, **named)
     if isinstance(function, FunctionType):
-        result, owners = body.translator.call(body.code, function, given(body, function, arguments, named))
-        for owner in owners:
-            body.own(owner.name)
-        return result
+        return body.translator.call(body.code, function, given(body, function, arguments, named))
     if isinstance(function, type) and issubclass(function, tuple):
         return function(*arguments, **named)
     if not leaves((*arguments, *named.values())):

@@ -16,7 +16,7 @@ import numpy as np
 
 from turtlebot_gym.compiled import native
 from turtlebot_gym.compiled.files import fingerprint, kept
-from turtlebot_gym.compiled.values import Address, Array, Number, Untraceable, kinds_of, leaves, rebuilt
+from turtlebot_gym.compiled.values import Address, as_runtime, kinds_of, leaves, rebuilt
 from turtlebot_gym.kernel import HAS_LLVM
 
 _one_at_a_time = threading.Lock()
@@ -31,22 +31,6 @@ def address_of(array: np.ndarray) -> int:
     """Return the address of an array, in a third of the time of ``array.ctypes`` if it has no gaps."""
     buffer: Any = array
     return ctypes.addressof(ctypes.c_char.from_buffer(buffer)) if array.flags.carray else array.ctypes.data
-
-
-def _form(value: Any) -> Any:
-    """Return what stands for an argument of Python in the code."""
-    if isinstance(value, np.ndarray):
-        strides: list[Any] = [Number("i", "")] * value.ndim
-        if _is_adjacent(value):
-            strides[-1] = value.itemsize
-        return Array(value.dtype.name, Address(""), (Number("i", ""),) * value.ndim, tuple(strides))
-    if isinstance(value, tuple):
-        items = [_form(item) for item in value]
-        return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
-    for kinds, kind in (((bool, np.bool_), "b"), ((int, np.integer), "i"), ((float, np.floating), "f")):
-        if isinstance(value, kinds):
-            return Number(kind, "")
-    return value
 
 
 def _signature(value: Any) -> Any:
@@ -91,12 +75,9 @@ def text_of(function: Any, forms: tuple[Any, ...]) -> tuple[str, Any]:
         return code.number(leaf.kind, f"load {'double' if leaf.kind == 'f' else 'i64'}, ptr {word()}, align 8")
 
     arguments = [rebuilt(form, argument) for form in forms]
-    result, owners = translator.call(code, function, arguments)
-    if owners:
-        raise Untraceable("a function that returns an array of its own")
+    result = translator.call(code, function, arguments)
     for leaf, kind in zip(leaves(result), kinds_of(result), strict=True):
-        name = leaf.name if kind in ("double", "i64", "ptr") else code.as_kind(leaf, "f" if kind == "float" else "i")
-        kind = {"float": "double", "i1": "i64"}.get(kind, kind)
+        kind, name = ("i64", code.as_kind(leaf, "i")) if kind == "i1" else (kind, leaf.name)
         code.do(f"store {kind} {name}, ptr {word()}, align 8")
     lines = "\n".join(["entry:", *code.entry, *code.lines, "  ret void"])
     code.module.functions.append(f"define void @entry(ptr noalias %block) #0 {{\n{lines}\n}}")
@@ -140,7 +121,7 @@ class Program:
         """Return the machine code for arguments of some form, and the form of its result."""
         signature = _signature(arguments)
         if signature not in self._made:
-            forms = tuple(map(_form, arguments))
+            forms = tuple(map(as_runtime, arguments))
 
             def compile_now() -> tuple[bytes, Any]:
                 text, result = text_of(self._function, forms)
@@ -185,7 +166,7 @@ class Call:
 
         def number(leaf: Any) -> Any:
             index = next(at)
-            return self._floats[index] if leaf.kind in "fs" else (bool if leaf.kind == "b" else int)(self._block[index])
+            return self._floats[index] if leaf.kind == "f" else (bool if leaf.kind == "b" else int)(self._block[index])
 
         return rebuilt(self._form, number)
 

@@ -55,7 +55,7 @@ def function_of(function: Callable[..., Any], *arguments: Any) -> tuple[str, dic
             return Number(value[0], f"%{value}")
         return Number(kind_of(value), constant(value, kind_of(value)))
 
-    result, _ = translator.call(code, function, [mapped(value, argument) for value in arguments])
+    result = translator.call(code, function, [mapped(value, argument) for value in arguments])
     for at, leaf in enumerate(_leaves(result)):
         place = code.put(f"getelementptr double, ptr %out, i64 {at}")
         code.do(f"store volatile double {code.as_kind(leaf, 'f')}, ptr {place}")

@@ -60,17 +60,9 @@ def assign(body: Any, target: ast.expr, value: Any) -> None:
 
 def unpack(body: Any, targets: Sequence[ast.expr], value: Any) -> None:
     if isinstance(value, Array):
-        value = tuple(items(body, value, len(targets)))
-    starred = [at for at, target in enumerate(targets) if isinstance(target, ast.Starred)]
-    if starred:
-        (at,), rest = starred, len(targets) - 1
-        value = (*value[:at], tuple(value[at : len(value) - rest + at]), *value[len(value) - rest + at :])
+        value = [body.whole(body.code.item(value, (at,))) for at in range(len(targets))]
     for target, item in zip(targets, value, strict=True):
-        assign(body, target.value if isinstance(target, ast.Starred) else target, item)
-
-
-def items(body: Any, array: Array, count: int) -> list[Any]:
-    return [body.whole(body.code.item(array, (at,))) for at in range(count)]
+        assign(body, target, item)
 
 
 def put(body: Any, place: Array, value: Any) -> None:
@@ -140,7 +132,7 @@ def on_For(body: Any, node: ast.For) -> None:
     if node.orelse:
         body.refuse(node)
     items, code = body.of(node.iter), body.code
-    if isinstance(items, tuple) and not isinstance(items, (Array, Span)):
+    if isinstance(items, tuple) and not isinstance(items, (Array, Number, Span)):
         after = code.module.fresh("after")
         for item in items:
             following = code.module.fresh("next")
@@ -153,12 +145,8 @@ def on_For(body: Any, node: ast.For) -> None:
         code.jump(after)
         code.label(after)
         return
-    if isinstance(items, Array):
-        with Counting(body, 0, items.shape[0]) as at:
-            assign(body, node.target, body.whole(code.item(items, (at,))))
-            body.run(node.body)
-        return
-    assert isinstance(items, Span)
+    if not isinstance(items, Span):
+        body.refuse(node.iter)
     with Counting(body, *items) as at:
         assign(body, node.target, at)
         body.run(node.body)

@@ -9,13 +9,11 @@ import ast
 import builtins as builtins_of_python
 import operator
 from collections.abc import Callable, Sequence
-from functools import cache
 from types import FunctionType
 from typing import Any, NamedTuple
 
 from turtlebot_gym.compiled import builtins, expressions, statements  # noqa: F401  # builtins fills a table of expressions
 from turtlebot_gym.compiled.code import Code, Module
-from turtlebot_gym.compiled.scopes import has_loops, in_memory, returns_at_end
 from turtlebot_gym.compiled.syntax import syntax_of
 from turtlebot_gym.compiled.values import (
     Address,
@@ -42,10 +40,6 @@ class Room(NamedTuple):
     """The address of each of its numbers."""
 
 
-class _Again(Exception):
-    """A variable holds values of another form than was known: the function is translated again."""
-
-
 class _Placed(Untraceable):
     """What cannot be translated, with its place."""
 
@@ -55,14 +49,6 @@ class Made(NamedTuple):
 
     name: str
     result: Any
-    owners: Any = ()
-    """Of each array in the result, what the caller must free; null for a view of another one."""
-
-
-@cache
-def _tree(function: FunctionType) -> tuple[ast.FunctionDef, frozenset[str], bool, bool]:
-    tree = syntax_of(function)
-    return tree, frozenset(in_memory(tree)), has_loops(tree), returns_at_end(tree)
 
 
 class Translator:
@@ -73,43 +59,32 @@ class Translator:
         self._made: dict[Any, Made] = {}
         self._held: list[Any] = []
 
-    def call(self, code: Code, function: FunctionType, arguments: Sequence[Any]) -> tuple[Any, Any]:
-        """Write the call of a kernel, and return its result and what the caller must free."""
-        function = vars(function).get("in_loops", function)
-        made = self.function(function, arguments)
-        both = made.result, made.owners
-        given = named_of(tuple(arguments))
-        kinds = kinds_of(both)
-        result = code.module.structure(kinds)
-        text = f"call {result} @{made.name}({', '.join(given)})"
+    def call(self, code: Code, function: FunctionType, arguments: Sequence[Any]) -> Any:
+        """Write the call of a kernel, and return its result."""
+        made = self.function(vars(function).get("in_loops", function), arguments)
+        kinds = kinds_of(made.result)
+        whole = f"call {code.module.structure(kinds)} @{made.name}({', '.join(named_of(tuple(arguments)))})"
         if not kinds:
-            code.do(text)
-            return both
-        whole = code.put(text)
-        numbers = iter(range(len(kinds)))
-        return renamed(both, lambda: code.put(f"extractvalue {result} {whole}, {next(numbers)}"))
+            code.do(whole)
+            return made.result
+        whole, numbers = code.put(whole), iter(range(len(kinds)))
+        kind = code.module.structure(kinds)
+        return renamed(made.result, lambda: code.put(f"extractvalue {kind} {whole}, {next(numbers)}"))
 
     def function(self, function: FunctionType, arguments: Sequence[Any]) -> Made:
         """Return the translation of a kernel for arguments of some form."""
         key = (id(function), tuple(map(key_of, arguments)))
         if key not in self._made:
             self._held.append(function)
-            forms: dict[str, Any] = {}
-            while True:
-                try:
-                    self._made[key] = Body(self, function, arguments, forms).made()
-                    break
-                except _Again:
-                    pass
+            self._made[key] = Body(self, function, arguments).made()
         return self._made[key]
 
 
 class Body:
     """A kernel that is translated."""
 
-    def __init__(self, translator: Translator, function: FunctionType, arguments: Sequence[Any], forms: dict[str, Any]) -> None:
-        self.translator, self.function, self.forms = translator, function, forms
-        self.tree, self.in_memory, self.has_loops, self.is_simple = _tree(function)
+    def __init__(self, translator: Translator, function: FunctionType, arguments: Sequence[Any]) -> None:
+        self.translator, self.function, self.syntax = translator, function, syntax_of(function)
         self.code = Code(translator.module, loose=getattr(function, "is_algebra", False))
         self.loops: list[statements.Loop] = []
         self.names: dict[str, Any] = {}
@@ -121,30 +96,23 @@ class Body:
 
     def made(self) -> Made:
         """Write the function."""
-        code, tree = self.code, self.tree
-        names = [argument.arg for argument in (*tree.args.posonlyargs, *tree.args.args, *tree.args.kwonlyargs)]
-        if tree.args.vararg:
-            count = len(names)
-            self.parameters[count:] = [tuple(self.parameters[count:])]
-            names.append(tree.args.vararg.arg)
-        for name, value in zip(names, self.parameters, strict=True):
+        code, syntax, result = self.code, self.syntax, None
+        for name, value in zip(syntax.parameters, self.parameters, strict=True):
             self.bind(name, value)
-        body = tree.body
-        self.exit = "" if self.is_simple else code.module.fresh("exit")
-        result: Any = None
-        if self.is_simple:
-            self.run(body[:-1])
-            last = body[-1]
+        if syntax.returns_at_end:
+            *body, last = syntax.body
+            self.run(body)
             assert isinstance(last, ast.Return)
             result = self.placed(last, lambda: self.of(last.value) if last.value else None)
         else:
-            self.run(body)
+            self.exit = code.module.fresh("exit")
+            self.run(syntax.body)
             if code.alive:
                 statements.leave(self, None)
             code.label(self.exit)
             result = self.read("return") if "return" in self.names else None
-        owners = self.free_all_but([leaf for leaf in leaves(result) if isinstance(leaf, Address)])
-        found, kinds = leaves((result, owners)), kinds_of((result, owners))
+        self.free(result)
+        found, kinds = leaves(result), kinds_of(result)
         whole = code.module.structure(kinds)
         value = "poison"
         for at, (kind, leaf) in enumerate(zip(kinds, found, strict=True)):
@@ -152,40 +120,34 @@ class Body:
         code.do(f"ret {whole} {value}" if kinds else "ret void")
         name = code.module.fresh(f"{self.function.__name__.strip('<>')}.")
         given = ", ".join(named_of(tuple(self.parameters)))
-        inline = "" if self.has_loops else "alwaysinline "
+        inline = "" if syntax.has_loops else "alwaysinline "
         lines = ["entry:", *code.entry, "  br label %start", "start:", *code.lines]
         code.module.functions.append(f"define internal {whole} @{name}({given}) {inline}#0 {{\n" + "\n".join(lines) + "\n}")
-        return Made(name, *renamed((result, owners), str))
+        return Made(name, renamed(result, str))
 
     # Memory
 
     def own(self, address: str) -> None:
         """Free what stands at an address when the function returns, or when this instruction runs again."""
-        code = self.code
+        code, room = self.code, self.code.room("ptr")
         code.module.declared.add("declare void @free(ptr)")
-        room = code.room("ptr")
         code.entry.append(f"  store ptr null, ptr {room}, align 8")
         code.do(f"call void @free(ptr {code.put(f'load ptr, ptr {room}')})")
         code.do(f"store ptr {address}, ptr {room}, align 8")
         self.owned.append(room)
 
-    def free_all_but(self, returned: list[Address]) -> tuple[Address, ...]:
-        """Free what the function owns and does not return; return what the caller must free."""
-        code, owners = self.code, ["null"] * len(returned)
+    def free(self, result: Any) -> None:
+        """Free what the function owns."""
+        if self.owned and any(isinstance(leaf, Address) for leaf in leaves(result)):
+            raise Untraceable(f"the kernel {self.function.__name__!r} returns an array: let it take one to write to")
         for room in self.owned:
-            address = code.put(f"load ptr, ptr {room}")
-            for at, leaf in enumerate(returned):
-                is_returned = code.put(f"icmp eq ptr {address}, {leaf.name}")
-                owners[at] = code.put(f"select i1 {is_returned}, ptr {address}, ptr {owners[at]}")
-                address = code.put(f"select i1 {is_returned}, ptr null, ptr {address}")
-            code.do(f"call void @free(ptr {address})")
-        return tuple(map(Address, owners)) if self.owned else ()
+            self.code.do(f"call void @free(ptr {self.code.put(f'load ptr, ptr {room}')})")
 
     # Variables
 
     def bind(self, name: str, value: Any) -> None:
         """Assign a variable."""
-        if name in self.in_memory:
+        if name in self.syntax.in_memory:
             self.write(name, value)
         else:
             self.names[name] = value
@@ -195,12 +157,9 @@ class Body:
         code, form = self.code, as_runtime(value)
         room = self.names.get(name)
         if not isinstance(room, Room):
-            form = self.forms.get(name, form)
             room = self.names[name] = Room(form, tuple(code.room(kind) for kind in kinds_of(form)))
-        merged = merged_form(room.form, as_runtime(value))
-        if key_of(merged) != key_of(room.form):
-            self.forms[name] = merged
-            raise _Again
+        if key_of(merged_form(room.form, form)) != key_of(room.form):
+            raise Untraceable(f"the variable {name!r} holds a whole number first: begin with a float, such as 0.0")
         for kind, leaf, place in zip(kinds_of(room.form), self.as_form(value, room.form), room.names, strict=True):
             code.do(f"store {kind} {leaf}, ptr {place}, align {1 if kind == 'i1' else 8}")
 

@@ -1,12 +1,12 @@
 """What the compiler of loops works on: numbers of machine code, arrays, and nested tuples of both and of constants.
 
-Kinds of numbers are "f" (double), "s" (float), "i" (64-bit integer) and "b" (truth). A Python number is a constant.
+Kinds of numbers are "f" (double), "i" (64-bit integer) and "b" (truth). A Python number is a constant.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ class Untraceable(Exception):
     """A kernel does what cannot be compiled; the message says what."""
 
 
-LLVM = {"f": "double", "s": "float", "i": "i64", "b": "i1", "p": "ptr"}
+LLVM = {"f": "double", "i": "i64", "b": "i1", "p": "ptr"}
 """LLVM's types; "p" is an address."""
 LOW, HALF = 0x000FFFFFFFFFFFFF, 0x3FE0000000000000
 """The bits of a double's mantissa, and those of 0.5."""
@@ -50,7 +50,7 @@ class Array(NamedTuple):
 
 MEMORY = {
     "float64": ("double", 8, "f"),
-    "float32": ("float", 4, "s"),
+    "float32": ("float", 4, "f"),
     "int64": ("i64", 8, "i"),
     "int32": ("i32", 4, "i"),
     "int16": ("i16", 2, "i"),
@@ -66,16 +66,11 @@ MEMORY = {
 
 def kind_of(value: Any) -> str:
     """Return the kind of a number or a constant."""
-    if isinstance(value, Number):
+    if type(value) is Number:
         return value.kind
-    if isinstance(value, (bool, np.bool_)):
-        return "b"
-    if isinstance(value, (int, np.integer)):
-        return "i"
-    if getattr(value, "dtype", None) == np.float32:
-        return "s"
-    if isinstance(value, float):
-        return "f"
+    for kind, types in (("b", (bool, np.bool_)), ("i", (int, np.integer)), ("f", (float, np.floating))):
+        if isinstance(value, types):
+            return kind
     raise Untraceable(f"a value of the type {type(value).__name__} among numbers")
 
 
@@ -98,15 +93,12 @@ def constant(value: Any, kind: str) -> str:
         return str(signed(int(value)))
     if kind == "b":
         return "true" if value else "false"
-    number = float(np.float32(value)) if kind == "s" else float(value)
-    return f"0x{struct.unpack('<Q', struct.pack('<d', number))[0]:016X}"
+    return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
 
 
 def wider(a: str, b: str) -> str:
     """Return the kind that holds numbers of two kinds."""
-    if a == b:
-        return a
-    return "f" if "f" in (a, b) or "s" in (a, b) else "i"
+    return a if a == b else "f" if "f" in (a, b) else "i"
 
 
 def leaves(value: Any) -> list[Any]:
@@ -145,12 +137,16 @@ def renamed(value: Any, name: Callable[[], str]) -> Any:
 
 
 def as_runtime(value: Any) -> Any:
-    """Return a value with numbers in place of its constants, without names: what a variable can hold."""
+    """Return a value with numbers in place of its constants, without names: what a variable or an argument can hold."""
     if isinstance(value, Address):
         return Address("")
+    if isinstance(value, np.ndarray):
+        strides: list[Any] = [Number("i", "")] * value.ndim
+        strides[-1:] = [value.itemsize] if value.strides[-1:] == (value.itemsize,) else strides[-1:]
+        return Array(value.dtype.name, Address(""), (Number("i", ""),) * value.ndim, tuple(strides))
     if isinstance(value, Array):
-        strides = tuple(part if isinstance(part, int) else Number("i", "") for part in value.strides)
-        return Array(value.element, Address(""), (Number("i", ""),) * len(value.shape), strides)
+        kept = tuple(part if isinstance(part, int) else Number("i", "") for part in value.strides)
+        return Array(value.element, Address(""), (Number("i", ""),) * len(value.shape), kept)
     if isinstance(value, tuple) and not isinstance(value, Number):
         items = [as_runtime(item) for item in value]
         return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
@@ -169,11 +165,7 @@ def key_of(value: Any) -> Any:
         return (type(value), *map(key_of, value))
     if isinstance(value, float):
         return ("float", struct.pack("d", value))
-    try:
-        hash(value)
-    except TypeError:
-        return id(value)
-    return (type(value), value)
+    return (type(value), value) if isinstance(value, Hashable) else id(value)
 
 
 def merged_form(a: Any, b: Any) -> Any:
@@ -183,7 +175,7 @@ def merged_form(a: Any, b: Any) -> Any:
     if isinstance(a, Array) and isinstance(b, Array) and a.element == b.element and len(a.shape) == len(b.shape):
         strides = tuple(x if x == y else Number("i", "") for x, y in zip(a.strides, b.strides, strict=True))
         return Array(a.element, Address(""), a.shape, strides)
-    if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b) and not isinstance(a, (Number, Address, Array)):
+    if type(a) is type(b) and isinstance(a, tuple) and len(a) == len(b) and not isinstance(a, (Number, Address, Array)):
         items = [merged_form(x, y) for x, y in zip(a, b, strict=True)]
         return type(a)(*items) if hasattr(a, "_fields") else tuple(items)
     if key_of(a) == key_of(b):

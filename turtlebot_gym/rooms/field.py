@@ -32,9 +32,9 @@ class Sampled(NamedTuple):
 
 
 @kernel
-def _squares_each(marked: Any, value: bool, reach: int) -> Any:
+def _squares_each(marked: Any, value: bool, reach: int, nearest: Any) -> None:
     rows, columns = marked.shape
-    squares, nearest = np.empty((rows, columns), np.int32), np.empty((rows, columns), np.int32)
+    squares = np.empty((rows, columns), np.int32)
     for row in range(rows):
         for column in range(columns):
             squares[row, column] = (reach + 1) * (marked[row, column] != value)
@@ -50,7 +50,6 @@ def _squares_each(marked: Any, value: bool, reach: int) -> Any:
         for row in range(rows):
             _lower(nearest[row, shift:], squares[row, : columns - shift], shift * shift)
             _lower(nearest[row, : columns - shift], squares[row, shift:], shift * shift)
-    return nearest
 
 
 @kernel
@@ -60,7 +59,6 @@ def _lower(row: Any, by: Any, more: int) -> None:
         row[k] = min(row[k], by[k] + more)
 
 
-@in_loops(_squares_each)
 def _squares_to_nearest(marked: Any, value: bool, reach: int) -> Any:
     """Return the squared distance from each cell to the nearest with a value, in cells; (reach + 1)^2 or more beyond the reach.
 
@@ -83,7 +81,9 @@ def _squares_to_nearest(marked: Any, value: bool, reach: int) -> Any:
 
 def _field_each(occupied, side, out):
     reach = int(REACH / side) + 1
-    outside, inside = _squares_to_nearest(occupied, True, reach), _squares_to_nearest(occupied, False, reach)
+    outside, inside = np.empty(occupied.shape, np.int32), np.empty(occupied.shape, np.int32)
+    _squares_each(occupied, True, reach, outside)
+    _squares_each(occupied, False, reach, inside)
     for row in range(occupied.shape[0]):
         for column in range(occupied.shape[1]):
             away = occupied[row, column] - 0.5 + sqrt(outside[row, column]) - sqrt(inside[row, column])

@@ -47,13 +47,14 @@ def _pop(heap, size: int) -> int:
 
 
 @kernel
-def cheapest_way(weights, width: int, start: int, goal: int):
-    """Return the cost from each visited cell to the goal, and the cell that follows it; A*, from the goal.
+def cheapest_way(weights, width: int, start: int, goal: int, costs, following) -> None:
+    """Write the cost from each visited cell to the goal, and the cell that follows it; A*, from the goal.
 
     ``weights`` are costs of cells, at least `FREE`, row by row, shape (cells,), int32; 0 for the cells of a closed border.
+    ``costs`` and ``following`` are outputs, shape (cells,), int64.
     """
     cells = len(weights)
-    costs, following = np.full(cells, 2**30, np.int64), np.full(cells, goal, np.int64)
+    costs[:], following[:] = 2**30, goal
     costs[goal] = 0
     queue, queued = np.empty(8 * cells + 1, np.int64), 1  # a cell is left once, to eight neighbours
     queue[0] = FREE * _steps(goal, start, width) * cells + goal  # the least cost first, and then the first cell
@@ -62,7 +63,7 @@ def cheapest_way(weights, width: int, start: int, goal: int):
         least = _pop(queue, queued)
         cell = least % cells
         if cell == start:
-            return costs, following
+            return
         cost = costs[cell]
         if least // cells == cost + FREE * _steps(cell, start, width):  # otherwise a cheaper path to it was found since
             for k in range(9):

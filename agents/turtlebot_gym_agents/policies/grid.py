@@ -192,7 +192,8 @@ def plan(
     weights[0], weights[-1], weights[:, 0], weights[:, -1] = 0, 0, 0, 0
     longest = int(preview / CELL) + 1
     start, end = (i - top) * width + j - left, (goal_i - top) * width + goal_j - left
-    costs, following = cheapest_way(cells, width, start, end)
+    costs, following = np.empty(len(cells), np.int64), np.empty(len(cells), np.int64)
+    cheapest_way(cells, width, start, end, costs, following)
     way, cell, n = np.empty(longest, np.int64), start, 0
     while cell != end:
         cell = following[cell]
