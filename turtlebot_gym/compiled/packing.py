@@ -79,21 +79,6 @@ def flatten(value: Any) -> Iterator[float]:
     return map(float, numbers_of(value))
 
 
-def _items(value: tuple[Any, ...], path: str) -> Iterator[tuple[str, Any]]:
-    """Yield the items of a tuple with their dotted paths."""
-    fields, dot = getattr(value, "_fields", None), "." if path else ""
-    for at, item in enumerate(value):
-        yield f"{path}{dot}{fields[at]}" if fields else f"{path}[{at}]", item
-
-
-def mapped(value: Any, function: Callable[[str, Any], Any], path: str = "") -> Any:
-    """Return a nested tuple with ``function(path, number)`` in place of each number, by its dotted path."""
-    if not isinstance(value, tuple):
-        return function(path, value)
-    items = [mapped(item, function, inner) for inner, item in _items(value, path)]
-    return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
-
-
 def filled(like: Any, numbers: Iterator[Any]) -> Any:
     """Return a nested tuple with others in place of its numbers, in order."""
     if not isinstance(like, tuple):
@@ -102,20 +87,15 @@ def filled(like: Any, numbers: Iterator[Any]) -> Any:
     return type(like)(*items) if hasattr(like, "_fields") else tuple(items)
 
 
-def in_floats(value: Any) -> Any:
-    """Return a nested tuple with integers converted to floats, as a buffer holds them."""
-    return mapped(value, lambda path, number: number if isinstance(number, bool) else float(number))
-
-
-def _slices(value: Any, path: str, at: int, found: dict[str, slice]) -> int:
-    """Record the range of numbers of each tuple in a value whose first number has an index; return the next index."""
+def _name(value: Any, path: str, names: list[str], slices: dict[str, slice]) -> None:
+    """Record the dotted paths of the numbers in a value, and the range of numbers of each tuple by its path."""
     if not isinstance(value, tuple):
-        return at + 1
-    start = at
-    for inner, item in _items(value, path):
-        at = _slices(item, inner, at, found)
-    found[path] = slice(start, at)
-    return at
+        names.append(path)
+        return
+    start, fields, dot = len(names), getattr(value, "_fields", None), "." if path else ""
+    for at, item in enumerate(value):
+        _name(item, f"{path}{dot}{fields[at]}" if fields else f"{path}[{at}]", names, slices)
+    slices[path] = slice(start, len(names))
 
 
 class Packing(NamedTuple):
@@ -145,10 +125,9 @@ def packing(example: Any, places: Sequence[int] | None = None) -> Packing:
     """
     names: list[str] = []
     slices: dict[str, slice] = {}
-    example = in_floats(example)
-    mapped(example, lambda path, value: names.append(path))
-    _slices(example, "", 0, slices)
-    return Packing(example, tuple(names), slices, tuple(range(len(names)) if places is None else places))
+    _name(example, "", names, slices)
+    floats = (number if isinstance(number, bool) else float(number) for number in numbers_of(example))
+    return Packing(filled(example, floats), tuple(names), slices, tuple(range(len(names)) if places is None else places))
 
 
 class Access(NamedTuple):

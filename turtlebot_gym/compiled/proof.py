@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -16,16 +16,13 @@ from typing import Any, NamedTuple
 from turtlebot_gym.compiled import native
 from turtlebot_gym.compiled.code import Code
 from turtlebot_gym.compiled.files import fingerprint, kept
-from turtlebot_gym.compiled.packing import Packing, layout_of, mapped, packing
+from turtlebot_gym.compiled.packing import Packing, filled, layout_of, numbers_of, packing
 from turtlebot_gym.compiled.translate import Translator
 from turtlebot_gym.compiled.values import LLVM, Number, constant, kind_of
 from turtlebot_gym.heart import step_of
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.systems import System
 from turtlebot_gym.values import Pose
-
-Classes = dict[str, Any]
-"""For each number a constant, or the name of the first number that it equals, which may be itself."""
 
 
 class Case(NamedTuple):
@@ -39,7 +36,7 @@ class Case(NamedTuple):
     """Whether all numbers of a world are kept, since its episode began with other parameters."""
 
 
-def function_of(function: Callable[..., Any], *arguments: Any) -> tuple[str, dict[str, str]]:
+def _function_of(function: Callable[..., Any], *arguments: Any) -> tuple[str, dict[str, str]]:
     """Return a kernel as a simplified function of some numbers, as text, and the kinds of these numbers by name.
 
     Args:
@@ -49,14 +46,14 @@ def function_of(function: Callable[..., Any], *arguments: Any) -> tuple[str, dic
     translator, inputs = Translator(), dict[str, str]()
     code = Code(translator.module)
 
-    def argument(path: str, value: Any) -> Number:
+    def argument(value: Any) -> Number:
         if isinstance(value, str):
             inputs[value] = value[0]
             return Number(value[0], f"%{value}")
         return Number(kind_of(value), constant(value, kind_of(value)))
 
-    result = translator.call(code, function, [mapped(value, argument) for value in arguments])
-    for at, leaf in enumerate(_leaves(result)):
+    result = translator.call(code, function, [filled(value, map(argument, numbers_of(value))) for value in arguments])
+    for at, leaf in enumerate(numbers_of(result)):
         place = code.put(f"getelementptr double, ptr %out, i64 {at}")
         code.do(f"store volatile double {code.as_kind(leaf, 'f')}, ptr {place}")
     given = ", ".join(f"{LLVM[kind]} %{name}" for name, kind in inputs.items())
@@ -65,11 +62,11 @@ def function_of(function: Callable[..., Any], *arguments: Any) -> tuple[str, dic
     return native.simplified(translator.module.text()), inputs
 
 
-def returned(function: tuple[str, dict[str, str]], known: Mapping[str, Any] = MappingProxyType({})) -> list[Any]:
+def _returned(function: tuple[str, dict[str, str]], known: Mapping[str, Any] = MappingProxyType({})) -> list[Any]:
     """Return the numbers that a function returns as LLVM knows them: floats, or names, equal ones for equal numbers.
 
     Args:
-        function: See `function_of`.
+        function: See `_function_of`.
         known: Constants, and names of others that are equal, in place of some of its numbers.
     """
     text, inputs = function
@@ -79,34 +76,28 @@ def returned(function: tuple[str, dict[str, str]], known: Mapping[str, Any] = Ma
     taken = ", ".join(f"{LLVM[kind]} %{name}" for name, kind in inputs.items())
     probe = f"define void @probe(ptr %out, {taken}) {{\n  call void @whole(ptr %out, {given})\n  ret void\n}}"
     _, _, body = native.simplified(f"{text}\n{probe}").partition("@probe(")
-    found = re.findall(r"store volatile double (\S+), ptr", body)
-    return [name if name.startswith("%") else _number(name) for name in found]
+    return [_number(name) for name in re.findall(r"store volatile double (\S+), ptr", body)]
 
 
-def _leaves(value: Any) -> Iterator[Any]:
-    if isinstance(value, tuple) and not isinstance(value, Number):
-        for item in value:
-            yield from _leaves(item)
-    else:
-        yield value
+def _number(text: str) -> float | str:
+    if text.startswith("0x"):
+        return struct.unpack(">d", bytes.fromhex(text[2:]))[0]
+    return text if text.startswith("%") else float(text)
 
 
-def _number(text: str) -> float:
-    return struct.unpack(">d", bytes.fromhex(text[2:]))[0] if text.startswith("0x") else float(text)
+def _divided(keys: Sequence[Any], values: Sequence[Any]) -> list[float | int]:
+    """Return for each number its value if that is a float, otherwise the first one with an equal key."""
+    first: dict[Any, int] = {}
+    pairs = enumerate(zip(keys, values, strict=True))
+    return [value if isinstance(value, float) else first.setdefault(key, at) for at, (key, value) in pairs]
 
 
-def _divided(keys: Mapping[str, Any], values: Mapping[str, Any]) -> Classes:
-    """Return the classes of numbers with equal keys; those whose value is a float are constants."""
-    first: dict[Any, str] = {}
-    return {
-        name: value if isinstance(value := values[name], float) else first.setdefault(key, name) for name, key in keys.items()
-    }
-
-
-def _classes(system: System, case: Case) -> Classes:
+def _classes(system: System, case: Case) -> list[float | int]:
+    """Return for each number of a world a constant, or the index of the first number that it equals, which may be itself."""
     layout, fixed = layout_of(system), dict(case.fixed)
+    pose: Any = Pose
     begin, _, act, conclude, retarget = step_of(system)
-    count, names = case.waypoints, layout.world.names
+    count = case.waypoints
 
     def whole(world, command, key, waypoints, p):
         after, outcome = conclude(world, act(world, command_of(command[0], command[1], p.robot), key, p), key, count, p, ())
@@ -117,44 +108,29 @@ def _classes(system: System, case: Case) -> Classes:
     def start(pose, key, waypoints, p):
         return begin(pose, key, waypoints, p, ())
 
-    def number(path: str, like: Any) -> Any:
-        return type(like)(fixed[path]) if path in fixed else f"{'b' if isinstance(like, bool) else 'f'}p{path}"
-
-    p = mapped(layout.parameters.example, number)
-    p = mapped(p, lambda path, value: re.sub(r"\W", "_", value) if isinstance(value, str) else value)
-    pose: Any = Pose
-    goals = tuple(pose(*(f"fgoal{at}{axis}" for axis in "xyt")) for at in range(count))
-    kinds = dict(zip(names, ("b" if x else "f" for x in _truths(layout.world.example)), strict=True))
-    inputs = [f"{kinds[name]}w{at}" for at, name in enumerate(names)]
-    rest = iter(inputs)
-    world = mapped(layout.world.example, lambda path, like: next(rest))
-    first = dict(zip(names, returned(function_of(start, pose("fx", "fy", "ft"), "ikey", goals, p)), strict=True))
-    step = function_of(whole, world, ("fforward", "fturn"), "ikey", goals, p)
+    parameters, world = layout.parameters.example, layout.world.example
+    like = enumerate(zip(layout.parameters.names, numbers_of(parameters), strict=True))
+    given = (type(old)(fixed[path]) if path in fixed else f"{_kind(old)}p{at}" for at, (path, old) in like)
+    p, goals = filled(parameters, given), tuple(pose(*(f"fgoal{at}{axis}" for axis in "xyt")) for at in range(count))
+    inputs = [f"{_kind(old)}w{at}" for at, old in enumerate(numbers_of(world))]
+    first = _returned(_function_of(start, pose("fx", "fy", "ft"), "ikey", goals, p))
+    step = _function_of(whole, filled(world, iter(inputs)), ("fforward", "fturn"), "ikey", goals, p)
     classes = _divided(first, first)
     while True:
         known = {
-            own: inputs[names.index(what)] if isinstance(what, str) else bool(what) if own[0] == "b" else what
-            for own, what in zip(inputs, classes.values(), strict=True)
+            name: inputs[what] if isinstance(what, int) else bool(what) if name[0] == "b" else what
+            for name, what in zip(inputs, classes, strict=True)
         }
-        after = dict(zip(names, returned(step, known), strict=True))
-        kept = {
-            name: what if isinstance(what, float) and after[name] == what and _same_sign(after[name], what) else ""
-            for name, what in classes.items()
-        }
-        refined = _divided({name: (str(classes[name]), str(after[name])) for name in names}, kept)
+        after = _returned(step, known)
+        kept = [what if repr(what) == repr(now) else "" for what, now in zip(classes, after, strict=True)]
+        refined = _divided([*zip(map(repr, classes), map(repr, after), strict=True)], kept)
         if refined == classes:
             return classes
         classes = refined
 
 
-def _same_sign(a: float, b: float) -> bool:
-    return struct.pack("d", a) == struct.pack("d", b)
-
-
-def _truths(example: Any) -> list[bool]:
-    found: list[bool] = []
-    mapped(example, lambda path, value: found.append(isinstance(value, bool)))
-    return found
+def _kind(value: Any) -> str:
+    return "b" if isinstance(value, bool) else "f"
 
 
 @cache
@@ -164,12 +140,11 @@ def reduced(system: System, case: Case) -> tuple[Packing, Mapping[int, float]]:
     if case.whole:
         return world, {}
     identity = f"{fingerprint(command_of, *step_of(system))} {case} {world.names}"
-    classes: Classes = kept("numbers of open ground", identity, lambda: _classes(system, case))
-    own = {name: at for at, name in enumerate(name for name, what in classes.items() if what == name)}
+    classes = kept("numbers of open ground", identity, lambda: _classes(system, case))
+    own = [at for at, what in enumerate(classes) if what == at and isinstance(what, int)]
     constants: dict[float, int] = {}
     places = [
-        own[what] if isinstance(what, str) else constants.setdefault(what, len(own) + len(constants))
-        for what in classes.values()
+        own.index(what) if isinstance(what, int) else constants.setdefault(what, len(own) + len(constants)) for what in classes
     ]
     return packing(world.example, places), {place: value for value, place in constants.items()}
 
