@@ -82,7 +82,7 @@ def summed(numbers):
 
 
 REFUSED = {
-    "the variable 'total' holds a whole number first: begin with a float": lambda numbers: summed(numbers),
+    "a whole number first, and then a float: begin with a float": lambda numbers: summed(numbers),
     "'<lambda>', .*cannot be compiled: Dict": lambda numbers: {"least": numbers[0]},
     "the kernel 'array_of' returns an array: let it take one to write to": lambda numbers: array_of(numbers)[0],
     "the function <built-in function sorted>": lambda numbers: sorted(numbers)[0],

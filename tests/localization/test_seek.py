@@ -97,7 +97,7 @@ def test_the_whole_map_is_searched_the_same_in_loops_and_in_arrays(in_hall):
     room, _, points = in_hall
     room, results = room._replace(field=room.field.copy()), []
     room.field[:20, :20] = np.nan
-    for function in (seek, compiled(lambda *arguments: seek(*arguments), "the whole map")):
+    for function in (seek, compiled(seek, "the whole map")):
         poses, values = np.empty((MOST, 3)), np.empty(MOST)
         results.append((function(sight(room, points), poses, values), poses.tolist(), values.tolist()))
     assert results[0] == results[1]

@@ -13,7 +13,7 @@ from turtlebot_gym import kernel
 from turtlebot_gym.compiled import native
 from turtlebot_gym.compiled.expressions import IN_PLACE, Span
 from turtlebot_gym.compiled.statements import put
-from turtlebot_gym.compiled.values import HALF, LOW, MAGIC, MEMORY, Address, Array, Number, Untraceable, is_constant
+from turtlebot_gym.compiled.values import HALF, LOW, MAGIC, MEMORY, Array, Number, Untraceable, is_constant
 
 
 def _stands_for(*functions: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -152,7 +152,7 @@ def _fetch(body: Any, array: Array, index: Any) -> None:
 @_stands_for(kernel.compiled_scratch)
 def _scratch(body: Any, size: int, element: str = "float64") -> Array:
     kind, width, _ = MEMORY[element]
-    return Array(element, Address(body.code.room(kind, int(size), 64)), (int(size),), (width,))
+    return Array(element, Number("p", body.code.room(kind, int(size), 64)), (int(size),), (width,))
 
 
 # Python
@@ -190,7 +190,7 @@ def _new(fill: float | None) -> Callable[..., Array]:
         code.module.declared.add("declare ptr @malloc(i64)")
         address = code.put(f"call ptr @malloc(i64 {code.as_kind(size, 'i')})")
         body.own(address)
-        array = Array(element, Address(address), sizes, tuple(strides))
+        array = Array(element, Number("p", address), sizes, tuple(strides))
         if fill is not None:
             put(body, array, fill)
         return array

@@ -9,14 +9,12 @@ from __future__ import annotations
 import itertools
 import math
 import operator
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from turtlebot_gym.compiled.values import (
     LLVM,
     MEMORY,
-    Address,
     Array,
     Number,
     Untraceable,
@@ -148,15 +146,6 @@ class Code:
         self.do(f"br i1 {self.as_kind(condition, 'b')}, label %{then}, label %{other}")
         self.alive = False
 
-    @contextmanager
-    def aside(self) -> Iterator[list[str]]:
-        """Collect instructions in a list of their own."""
-        before, self.lines = self.lines, []
-        try:
-            yield self.lines
-        finally:
-            self.lines = before
-
     # Numbers
 
     def as_kind(self, value: Any, kind: str) -> str:
@@ -243,7 +232,7 @@ class Code:
             return int(value) if value >= 0 else self.binary("+", length, int(value))
         return self.select(self.compare("<", value, 0, "i"), self.binary("+", value, length), value)
 
-    def moved(self, address: Any, index: Any, stride: Any) -> Address:
+    def moved(self, address: Number, index: Any, stride: Any) -> Number:
         """Return the address of an item along an axis."""
         if is_constant(index) and index == 0:
             return address
@@ -252,10 +241,11 @@ class Code:
         else:
             offset = self.as_kind(self.binary("*", index, stride), "i")
             text = f"getelementptr inbounds i8, ptr {address.name}, i64 {offset}"
-        return Address(self.put(text))
+        return Number("p", self.put(text))
 
-    def item(self, array: Array, indices: Sequence[Any]) -> Array:
-        """Return what is left of an array for an index or a slice along each of the first axes."""
+    def item(self, array: Array, index: Any) -> Array:
+        """Return what is left of an array for an index or a slice, or for one along each of the first axes."""
+        indices = index if isinstance(index, tuple) and not isinstance(index, Number) else (index,)
         address, shape, strides = array.address, list[Any](), list[Any]()
         for axis, index in enumerate(indices):
             length, stride = array.shape[axis], array.strides[axis]

@@ -14,11 +14,8 @@ from turtlebot_gym.compiled.values import (
     Untraceable,
     as_runtime,
     is_number,
-    kinds_of,
     leaves,
-    merged_form,
     rebuilt,
-    renamed,
 )
 
 OPERATORS = {
@@ -96,33 +93,17 @@ def of_Slice(body: Any, node: ast.Slice) -> Any:
     return slice(*(body.of(part) if part else None for part in (node.lower, node.upper, node.step)))
 
 
-def place(body: Any, node: ast.Subscript) -> Array:
-    """Return a part of an array."""
-    array, index = body.of(node.value), body.of(node.slice)
-    if not isinstance(array, Array):
-        body.refuse(node)
-    return body.code.item(array, index if isinstance(index, tuple) and not isinstance(index, Number) else (index,))
-
-
 def of_Subscript(body: Any, node: ast.Subscript) -> Any:
-    value = body.of(node.value)
+    value, index = body.of(node.value), body.of(node.slice)
     if isinstance(value, Array):
-        index = body.of(node.slice)
-        return body.whole(
-            body.code.item(value, index if isinstance(index, tuple) and not isinstance(index, Number) else (index,))
-        )
-    index = body.of(node.slice)
+        return body.whole(body.code.item(value, index))
     if not isinstance(index, Number):
         return value[index]
-    chosen = value[-1]  # a tuple of equal forms
-    for at in range(len(value) - 1):
-        is_this = body.code.compare("==", index, at, "i")
-        names = body.as_form(value[at], as_runtime(chosen))
-        given = iter(names)
-        chosen = rebuilt(
-            body.held(chosen),
-            lambda leaf, is_this=is_this, given=given: body.code.select(is_this, Number(leaf.kind, next(given)), leaf),
-        )
+    chosen = body.held(value[-1])  # a tuple of equal forms
+    for at, item in enumerate(value[:-1]):
+        is_this, names = body.code.compare("==", index, at, "i"), iter(body.as_form(item, as_runtime(chosen)))
+        items = (body.code.select(is_this, Number(leaf.kind, next(names)), leaf) for leaf in leaves(chosen))
+        chosen = rebuilt(chosen, lambda leaf, items=items: next(items))
     return chosen
 
 
@@ -138,10 +119,7 @@ def of_BinOp(body: Any, node: ast.BinOp) -> Any:
 def of_UnaryOp(body: Any, node: ast.UnaryOp) -> Any:
     if isinstance(node.op, ast.Not):
         return body.code.inverted(body.truth(node.operand))
-    value = body.of(node.operand)
-    if isinstance(node.op, ast.Invert):
-        return body.code.binary("^", value, -1)
-    return value if isinstance(node.op, ast.UAdd) else body.code.negative(value)
+    return body.code.negative(body.of(node.operand)) if isinstance(node.op, ast.USub) else body.refuse(node)
 
 
 def of_Compare(body: Any, node: ast.Compare) -> Any:
@@ -180,28 +158,14 @@ def of_IfExp(body: Any, node: ast.IfExp) -> Any:
 def either(body: Any, condition: Number, then: Callable[[], Any], other: Callable[[], Any]) -> Any:
     """Return one of two values, and work out only that one."""
     code = body.code
-    labels, after = [code.module.fresh(name) for name in ("yes", "no")], code.module.fresh("both")
-    code.fork(condition, *labels)
-    ways = []
-    for label, way in zip(labels, (then, other), strict=True):
-        with code.aside() as lines:
-            code.label(label)
-            value = way()
-        ways.append((lines, value, code.block))
-    form = merged_form(as_runtime(ways[0][1]), as_runtime(ways[1][1]))
-    names = []
-    for lines, value, block in ways:
-        code.lines, before, code.block, code.alive = lines, code.lines, block, True
-        names.append(body.as_form(value, form))
+    yes, no, after = (code.module.fresh(name) for name in ("yes", "no", "both"))
+    code.fork(condition, yes, no)
+    for label, way in ((yes, then), (no, other)):
+        code.label(label)
+        body.write(after, way())
         code.jump(after)
-        code.lines = before
-        code.lines += lines
     code.label(after)
-    chosen = iter(
-        code.put(f"phi {kind} [ {a}, %{ways[0][2]} ], [ {b}, %{ways[1][2]} ]")
-        for kind, a, b in zip(kinds_of(form), *names, strict=True)
-    )
-    return renamed(form, lambda: next(chosen))
+    return body.read(after)
 
 
 def of_Call(body: Any, node: ast.Call) -> Any:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.values import Array, Number
+from turtlebot_gym.compiled.values import Array, Number, tuple_like
 from turtlebot_gym.heart import step, step_of
 from turtlebot_gym.observations.columns import observing
 from turtlebot_gym.systems import System
@@ -60,8 +60,7 @@ def as_tuple(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
         return _tuple_type(type(value))(*(as_tuple(getattr(value, name)) for name in _numbers_of(type(value))))
     if isinstance(value, tuple):
-        items = [as_tuple(item) for item in value]
-        return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+        return tuple_like(value, [as_tuple(item) for item in value])
     return value
 
 
@@ -83,8 +82,7 @@ def filled(like: Any, numbers: Iterator[Any]) -> Any:
     """Return a nested tuple with others in place of its numbers, in order."""
     if not isinstance(like, tuple):
         return next(numbers)
-    items = [filled(item, numbers) for item in like]
-    return type(like)(*items) if hasattr(like, "_fields") else tuple(items)
+    return tuple_like(like, [filled(item, numbers) for item in like])
 
 
 def _name(value: Any, path: str, names: list[str], slices: dict[str, slice]) -> None:

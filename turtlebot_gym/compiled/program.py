@@ -16,7 +16,7 @@ import numpy as np
 
 from turtlebot_gym.compiled import native
 from turtlebot_gym.compiled.files import fingerprint, kept
-from turtlebot_gym.compiled.values import Address, as_runtime, kinds_of, leaves, rebuilt
+from turtlebot_gym.compiled.values import LLVM, as_runtime, kinds_of, leaves, rebuilt
 from turtlebot_gym.kernel import HAS_LLVM
 
 _one_at_a_time = threading.Lock()
@@ -68,11 +68,9 @@ def text_of(function: Any, forms: tuple[Any, ...]) -> tuple[str, Any]:
         return code.put(f"getelementptr i64, ptr %block, i64 {next(at)}")
 
     def argument(leaf: Any) -> Any:
-        if isinstance(leaf, Address):
-            return Address(code.put(f"load ptr, ptr {word()}, align 8"))
         if leaf.kind == "b":
             return code.compare("!=", code.number("i", f"load i64, ptr {word()}, align 8"), 0, "i")
-        return code.number(leaf.kind, f"load {'double' if leaf.kind == 'f' else 'i64'}, ptr {word()}, align 8")
+        return code.number(leaf.kind, f"load {LLVM[leaf.kind]}, ptr {word()}, align 8")
 
     arguments = [rebuilt(form, argument) for form in forms]
     result = translator.call(code, function, arguments)

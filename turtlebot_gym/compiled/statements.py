@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from turtlebot_gym.compiled.expressions import OPERATORS, Span, place
+from turtlebot_gym.compiled.expressions import OPERATORS, Span
 from turtlebot_gym.compiled.values import Array, Number, is_constant
 
 
@@ -40,7 +41,7 @@ def on_AnnAssign(body: Any, node: ast.AnnAssign) -> None:
 def on_AugAssign(body: Any, node: ast.AugAssign) -> None:
     op = OPERATORS[type(node.op)]
     if isinstance(node.target, ast.Subscript):
-        there = place(body, node.target)
+        there = part_of(body, node.target)
         body.code.store(there, body.code.binary(op, body.code.load(there), body.of(node.value)))
     else:
         assert isinstance(node.target, ast.Name)
@@ -53,14 +54,18 @@ def assign(body: Any, target: ast.expr, value: Any) -> None:
     elif isinstance(target, (ast.Tuple, ast.List)):
         unpack(body, target.elts, value)
     elif isinstance(target, ast.Subscript):
-        put(body, place(body, target), value)
+        put(body, part_of(body, target), value)
     else:
         body.refuse(target)
 
 
+def part_of(body: Any, node: ast.Subscript) -> Array:
+    return body.code.item(body.of(node.value), body.of(node.slice))
+
+
 def unpack(body: Any, targets: Sequence[ast.expr], value: Any) -> None:
     if isinstance(value, Array):
-        value = [body.whole(body.code.item(value, (at,))) for at in range(len(targets))]
+        value = [body.whole(body.code.item(value, at)) for at in range(len(targets))]
     for target, item in zip(targets, value, strict=True):
         assign(body, target, item)
 
@@ -71,9 +76,9 @@ def put(body: Any, place: Array, value: Any) -> None:
         body.code.store(place, value)
         return
     length = place.shape[0]
-    with Counting(body, 0, length) as at:
-        item = body.whole(body.code.item(value, (at,))) if isinstance(value, Array) else value
-        put(body, body.code.item(place, (at,)), item)
+    with counting(body, 0, length) as at:
+        item = body.whole(body.code.item(value, at)) if isinstance(value, Array) else value
+        put(body, body.code.item(place, at), item)
 
 
 def on_Return(body: Any, node: ast.Return) -> None:
@@ -147,50 +152,41 @@ def on_For(body: Any, node: ast.For) -> None:
         return
     if not isinstance(items, Span):
         body.refuse(node.iter)
-    with Counting(body, *items) as at:
-        assign(body, node.target, at)
-        body.run(node.body)
+    else:
+        start, stop, step, independent = items
+        with counting(body, start, stop, step, bool(independent)) as at:
+            assign(body, node.target, at)
+            body.run(node.body)
 
 
-class Counting:
-    """A loop over whole numbers."""
-
-    def __init__(self, body: Any, start: Any, stop: Any, step: Any = 1, independent: bool = False) -> None:
-        self._body, self._span = body, Span(start, stop, step)
-        self._outer = body.code.group
-        self._group, self._mark = body.code.module.independent() if independent else (self._outer, "")
-
-    def __enter__(self) -> Number:
-        code, (start, stop, step, _) = self._body.code, self._span
-        names = [code.module.fresh(name) for name in ("head", "body", "next", "after")]
-        self._labels = head, inner, following, after = names[0], names[1], names[2], names[3]
-        self._room = code.room("i")
-        code.do(f"store i64 {code.as_kind(start, 'i')}, ptr {self._room}, align 8")
-        self._stop, self._step = code.as_kind(stop, "i"), code.as_kind(step, "i")
-        code.jump(head)
-        code.label(head)
-        at = code.number("i", f"load i64, ptr {self._room}, align 8")
-        if is_constant(step):
-            goes_on = code.compare("<" if step > 0 else ">", at, Number("i", self._stop), "i")
-        else:
-            up, down = (code.compare(op, at, Number("i", self._stop), "i") for op in "<>")
-            goes_on = code.select(code.compare(">", step, 0, "i"), up, down)
-        code.fork(goes_on, inner, after)
-        code.label(inner)
-        self._body.loops.append(Loop(after, following))
-        code.group = self._group
-        return at
-
-    def __exit__(self, *error: object) -> None:
-        if error[0] is not None:
-            return
-        code, (head, _, following, after) = self._body.code, self._labels
-        self._body.loops.pop()
-        code.jump(following)
-        code.label(following)
-        now = code.put(f"load i64, ptr {self._room}, align 8")
-        code.group = self._outer
-        code.do(f"store i64 {code.put(f'add nsw i64 {now}, {self._step}')}, ptr {self._room}, align 8")
-        code.do(f"br label %{head}{self._mark}")
-        code.alive = False
-        code.label(after)
+@contextmanager
+def counting(body: Any, start: Any, stop: Any, step: Any = 1, independent: bool = False) -> Iterator[Number]:
+    """Write a loop over whole numbers around what is written meanwhile, and yield the number."""
+    code, outer = body.code, body.code.group
+    head, inner, following, after = (code.module.fresh(name) for name in ("head", "body", "next", "after"))
+    group, mark = code.module.independent() if independent else (outer, "")
+    room = code.room("i")
+    code.do(f"store i64 {code.as_kind(start, 'i')}, ptr {room}, align 8")
+    last, by = Number("i", code.as_kind(stop, "i")), code.as_kind(step, "i")
+    code.jump(head)
+    code.label(head)
+    at = code.number("i", f"load i64, ptr {room}, align 8")
+    if is_constant(step):
+        goes_on = code.compare("<" if step > 0 else ">", at, last, "i")
+    else:
+        up, down = (code.compare(op, at, last, "i") for op in "<>")
+        goes_on = code.select(code.compare(">", step, 0, "i"), up, down)
+    code.fork(goes_on, inner, after)
+    code.label(inner)
+    body.loops.append(Loop(after, following))
+    code.group = group
+    yield at
+    body.loops.pop()
+    code.jump(following)
+    code.label(following)
+    now = code.put(f"load i64, ptr {room}, align 8")
+    code.group = outer
+    code.do(f"store i64 {code.put(f'add nsw i64 {now}, {by}')}, ptr {room}, align 8")
+    code.do(f"br label %{head}{mark}")
+    code.alive = False
+    code.label(after)

@@ -68,7 +68,8 @@ def syntax_of(function: FunctionType) -> Syntax:
         what = "which stands on a line with another: give it a line of its own" if named else "whose source has changed"
         raise Untraceable(f"the kernel {name!r}, {what}")
     (node,) = named
-    body = [ast.copy_location(ast.Return(node.body), node.body)] if isinstance(node, ast.Lambda) else node.body
+    is_lambda = isinstance(node, ast.Lambda)
+    body: list[Any] = [ast.copy_location(ast.Return(node.body), node.body)] if is_lambda else node.body
     parameters = [part.arg for part in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
     nodes = [*_walk(*body)]
     returns = sum(isinstance(part, ast.Return) for part in nodes)
@@ -95,7 +96,7 @@ def _visit(
     assigned, before = set(first), set[str]()
     for statement in block:
         (read, names), is_loop = _own_names(statement), isinstance(statement, ast.For)
-        for at, part in enumerate(block for name in ("body", "orelse") if (block := getattr(statement, name, None))):
+        for at, part in enumerate(filter(None, (getattr(statement, name, []) for name in ("body", "orelse")))):
             inner = (*path, id(statement), *([at] if at else []))
             read |= _visit(part, inner, found, names if is_loop and not at else set())
         for name in read - assigned:

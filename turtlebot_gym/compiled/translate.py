@@ -16,7 +16,6 @@ from turtlebot_gym.compiled import builtins, expressions, statements  # noqa: F4
 from turtlebot_gym.compiled.code import Code, Module
 from turtlebot_gym.compiled.syntax import syntax_of
 from turtlebot_gym.compiled.values import (
-    Address,
     Array,
     Number,
     Untraceable,
@@ -29,6 +28,7 @@ from turtlebot_gym.compiled.values import (
     merged_form,
     named_of,
     renamed,
+    tuple_like,
 )
 
 
@@ -63,7 +63,7 @@ class Translator:
         """Write the call of a kernel, and return its result."""
         made = self.function(vars(function).get("in_loops", function), arguments)
         kinds = kinds_of(made.result)
-        whole = f"call {code.module.structure(kinds)} @{made.name}({', '.join(named_of(tuple(arguments)))})"
+        whole = f"call {code.module.structure(kinds)} @{made.name}({named_of(tuple(arguments))})"
         if not kinds:
             code.do(whole)
             return made.result
@@ -119,10 +119,10 @@ class Body:
             value = code.put(f"insertvalue {whole} {value}, {kind} {leaf.name}, {at}")
         code.do(f"ret {whole} {value}" if kinds else "ret void")
         name = code.module.fresh(f"{self.function.__name__.strip('<>')}.")
-        given = ", ".join(named_of(tuple(self.parameters)))
         inline = "" if syntax.has_loops else "alwaysinline "
-        lines = ["entry:", *code.entry, "  br label %start", "start:", *code.lines]
-        code.module.functions.append(f"define internal {whole} @{name}({given}) {inline}#0 {{\n" + "\n".join(lines) + "\n}")
+        head = f"define internal {whole} @{name}({named_of(tuple(self.parameters))}) {inline}#0 {{"
+        lines = [head, "entry:", *code.entry, "  br label %start", "start:", *code.lines, "}"]
+        code.module.functions.append("\n".join(lines))
         return Made(name, renamed(result, str))
 
     # Memory
@@ -138,7 +138,7 @@ class Body:
 
     def free(self, result: Any) -> None:
         """Free what the function owns."""
-        if self.owned and any(isinstance(leaf, Address) for leaf in leaves(result)):
+        if self.owned and any(leaf.kind == "p" for leaf in leaves(result)):
             raise Untraceable(f"the kernel {self.function.__name__!r} returns an array: let it take one to write to")
         for room in self.owned:
             self.code.do(f"call void @free(ptr {self.code.put(f'load ptr, ptr {room}')})")
@@ -159,7 +159,7 @@ class Body:
         if not isinstance(room, Room):
             room = self.names[name] = Room(form, tuple(code.room(kind) for kind in kinds_of(form)))
         if key_of(merged_form(room.form, form)) != key_of(room.form):
-            raise Untraceable(f"the variable {name!r} holds a whole number first: begin with a float, such as 0.0")
+            raise Untraceable("a variable or a choice that holds a whole number first, and then a float: begin with a float")
         for kind, leaf, place in zip(kinds_of(room.form), self.as_form(value, room.form), room.names, strict=True):
             code.do(f"store {kind} {leaf}, ptr {place}, align {1 if kind == 'i1' else 8}")
 
@@ -167,8 +167,6 @@ class Body:
         """Return the names of a value's leaves in a form."""
         if isinstance(form, Number):
             return [self.code.as_kind(value, form.kind)]
-        if isinstance(form, Address):
-            return [value.name]
         if isinstance(form, tuple):
             return [name for item, like in zip(value, form, strict=True) for name in self.as_form(item, like)]
         return []
@@ -240,9 +238,7 @@ class Body:
             return value
         if is_number(value):
             return self.code.converted(value, kind_of(value))
-        if isinstance(value, tuple) and not isinstance(value, (Number, Array, Address)):
+        if isinstance(value, tuple) and not isinstance(value, Array):
             items = [self.held(item) for item in value]
-            if all(map(operator.is_, items, value)):
-                return value
-            return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+            return value if all(map(operator.is_, items, value)) else tuple_like(value, items)
         return value

@@ -1,12 +1,13 @@
 """What the compiler of loops works on: numbers of machine code, arrays, and nested tuples of both and of constants.
 
-Kinds of numbers are "f" (double), "i" (64-bit integer) and "b" (truth). A Python number is a constant.
+Kinds of numbers are "f" (double), "i" (64-bit integer), "b" (truth) and "p" (the address of an array). A Python number is a
+constant.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,6 @@ class Untraceable(Exception):
 
 
 LLVM = {"f": "double", "i": "i64", "b": "i1", "p": "ptr"}
-"""LLVM's types; "p" is an address."""
 LOW, HALF = 0x000FFFFFFFFFFFFF, 0x3FE0000000000000
 """The bits of a double's mantissa, and those of 0.5."""
 MAGIC = 0x4330000000000000
@@ -31,18 +31,12 @@ class Number(NamedTuple):
     name: str
 
 
-class Address(NamedTuple):
-    """Where an array begins."""
-
-    name: str
-
-
 class Array(NamedTuple):
     """A strided array."""
 
     element: str
     """numpy's name of the type of its elements."""
-    address: Any
+    address: Number
     shape: tuple[Any, ...]
     strides: tuple[Any, ...]
     """In bytes."""
@@ -101,8 +95,20 @@ def wider(a: str, b: str) -> str:
     return a if a == b else "f" if "f" in (a, b) else "i"
 
 
-def leaves(value: Any) -> list[Any]:
-    """Return what is known when the code runs: numbers and addresses, in order."""
+def tuple_like(value: tuple[Any, ...], items: Sequence[Any]) -> Any:
+    """Return a tuple of other items, with the names of a tuple."""
+    return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+
+
+def rebuilt(value: Any, leaf: Callable[[Number], Any]) -> Any:
+    """Return a value with others for what is known when the code runs."""
+    if type(value) is Number:
+        return leaf(value)
+    return tuple_like(value, [rebuilt(item, leaf) for item in value]) if isinstance(value, tuple) else value
+
+
+def leaves(value: Any) -> list[Number]:
+    """Return what is known when the code runs, in order."""
     found: list[Any] = []
     rebuilt(value, found.append)
     return found
@@ -110,46 +116,30 @@ def leaves(value: Any) -> list[Any]:
 
 def kinds_of(value: Any) -> list[str]:
     """Return LLVM's types of the leaves of a value."""
-    return [LLVM["p" if type(leaf) is Address else leaf[0]] for leaf in leaves(value)]
+    return [LLVM[leaf.kind] for leaf in leaves(value)]
 
 
-def named_of(value: Any) -> list[str]:
+def named_of(value: Any) -> str:
     """Return the leaves of a value, each with its type, as LLVM has them in an argument."""
-    return [f"ptr {leaf[0]}" if type(leaf) is Address else f"{LLVM[leaf[0]]} {leaf[1]}" for leaf in leaves(value)]
-
-
-def rebuilt(value: Any, leaf: Callable[[Any], Any]) -> Any:
-    """Return a value with others for its leaves."""
-    kind = type(value)
-    if kind is Number or kind is Address:
-        return leaf(value)
-    if kind is Array:
-        return Array(value.element, *[rebuilt(part, leaf) for part in value[1:]])
-    if isinstance(value, tuple):
-        items = [rebuilt(item, leaf) for item in value]
-        return tuple(items) if kind is tuple else kind(*items)
-    return value
+    return ", ".join(f"{LLVM[leaf.kind]} {leaf.name}" for leaf in leaves(value))
 
 
 def renamed(value: Any, name: Callable[[], str]) -> Any:
     """Return a value with other names of its leaves."""
-    return rebuilt(value, lambda leaf: Address(name()) if type(leaf) is Address else Number(leaf[0], name()))
+    return rebuilt(value, lambda leaf: Number(leaf.kind, name()))
 
 
 def as_runtime(value: Any) -> Any:
     """Return a value with numbers in place of its constants, without names: what a variable or an argument can hold."""
-    if isinstance(value, Address):
-        return Address("")
     if isinstance(value, np.ndarray):
-        strides: list[Any] = [Number("i", "")] * value.ndim
-        strides[-1:] = [value.itemsize] if value.strides[-1:] == (value.itemsize,) else strides[-1:]
-        return Array(value.dtype.name, Address(""), (Number("i", ""),) * value.ndim, tuple(strides))
+        strides = [Number("i", "")] * value.ndim
+        last = [value.itemsize] if value.strides[-1:] == (value.itemsize,) else strides[-1:]
+        value = Array(value.dtype.name, Number("p", ""), tuple(strides), (*strides[:-1], *last))
     if isinstance(value, Array):
-        kept = tuple(part if isinstance(part, int) else Number("i", "") for part in value.strides)
-        return Array(value.element, Address(""), (Number("i", ""),) * len(value.shape), kept)
+        strides = tuple(part if isinstance(part, int) else Number("i", "") for part in value.strides)
+        return Array(value.element, Number("p", ""), (Number("i", ""),) * len(value.shape), strides)
     if isinstance(value, tuple) and not isinstance(value, Number):
-        items = [as_runtime(item) for item in value]
-        return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+        return tuple_like(value, [as_runtime(item) for item in value])
     return Number(kind_of(value), "") if is_number(value) else value
 
 
@@ -157,10 +147,6 @@ def key_of(value: Any) -> Any:
     """Return what tells the form of a value from all others."""
     if isinstance(value, Number):
         return value.kind
-    if isinstance(value, Address):
-        return "p"
-    if isinstance(value, Array):
-        return ("array", value.element, *(key_of(part) for part in value[2:]))
     if isinstance(value, tuple):
         return (type(value), *map(key_of, value))
     if isinstance(value, float):
@@ -174,10 +160,9 @@ def merged_form(a: Any, b: Any) -> Any:
         return Number(wider(a.kind, b.kind), "")
     if isinstance(a, Array) and isinstance(b, Array) and a.element == b.element and len(a.shape) == len(b.shape):
         strides = tuple(x if x == y else Number("i", "") for x, y in zip(a.strides, b.strides, strict=True))
-        return Array(a.element, Address(""), a.shape, strides)
-    if type(a) is type(b) and isinstance(a, tuple) and len(a) == len(b) and not isinstance(a, (Number, Address, Array)):
-        items = [merged_form(x, y) for x, y in zip(a, b, strict=True)]
-        return type(a)(*items) if hasattr(a, "_fields") else tuple(items)
+        return Array(a.element, Number("p", ""), a.shape, strides)
+    if type(a) is type(b) and isinstance(a, tuple) and len(a) == len(b) and not isinstance(a, (Number, Array)):
+        return tuple_like(a, [merged_form(x, y) for x, y in zip(a, b, strict=True)])
     if key_of(a) == key_of(b):
         return a
     raise Untraceable(f"a variable that holds {type(a).__name__} and {type(b).__name__}")
