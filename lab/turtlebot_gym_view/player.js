@@ -26,10 +26,7 @@ function play(on) {
   })
 }
 
-function seek(t) {
-  play(false)
-  show(t)
-}
+function seek(t) { play(false); show(t) }
 const middle = ({start, end}) => [0.5 * (start + end), 0.5 * (end - start)]
 function reset() {
   for (const {figure} of maps) figure.reset.emit()

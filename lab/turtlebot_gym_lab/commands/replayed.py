@@ -69,6 +69,7 @@ class ReplayResult(Result):
         """Return the errors of each recording, and the drift of its wheels."""
         columns = "", "", *ERRORS, "drift, m per metre", "drift, rad per metre", "NEES"
         table = Table(*columns, title=self.title, caption=CAPTION)
+        table.columns[0].no_wrap = table.columns[1].no_wrap = True
         for path, found in self.results.items():
             drift = f"{found.drift:.3f}", f"{found.drift_heading:.3f}"
             table.add_section()
