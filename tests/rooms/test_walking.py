@@ -54,17 +54,13 @@ def test_walkers_turn_back_at_the_walls(empty_scene):
 
 @pytest.fixture
 def alone(empty_scene):
-    """Return a function that puts one person at the origin of a large room, on the way to (4, 0) at 1 m/s."""
-
-    def make(*, sees):
-        scene = empty_scene("people")
-        scene.room.walls[:] = 0.0, 0.0, 50.0, 50.0
-        scene.room.counts[:] = 1, 0
-        scene.room.circles[0] = 0.0, 0.0, 0.2, 1.0, 0.0
-        scene.room.people[0] = 4.0, 0.0, 0.0, 0.0, 1.0, float(sees)
-        return scene
-
-    return make
+    """Return a person at the origin of a large room, on the way to (4, 0) at 1 m/s, who sees the robot."""
+    scene = empty_scene("people")
+    scene.room.walls[:] = 0.0, 0.0, 50.0, 50.0
+    scene.room.counts[:] = 1, 0
+    scene.room.circles[0] = 0.0, 0.0, 0.2, 1.0, 0.0
+    scene.room.people[0] = 4.0, 0.0, 0.0, 0.0, 1.0, 1.0
+    return scene
 
 
 def test_the_decay_of_forces_is_an_exponential():
@@ -88,7 +84,7 @@ def test_people_push_each_other_along_the_gradient_of_the_papers_potential():
 
 
 def test_a_person_takes_up_the_pace_and_turns_round_at_the_place(alone):
-    scene, places = alone(sees=True), []
+    scene, places = alone, []
     scene.room.circles[0, 3] = 0.3
     for _ in range(80):
         step(scene, rules=ROOMS["people"])
@@ -101,7 +97,8 @@ def test_a_person_takes_up_the_pace_and_turns_round_at_the_place(alone):
 @pytest.mark.parametrize("sees", [True, False])
 def test_people_who_see_the_robot_walk_round_it_and_others_run_into_it(alone, sees):
     """Nobody walks through a robot that stands: who does not see it is held up at its edge, and turns back."""
-    scene, robot, near = alone(sees=sees), Pose(2.0, 0.15, 0.0), []
+    scene, robot, near = alone, Pose(2.0, 0.15, 0.0), []
+    scene.room.people[0, 5] = sees
     for _ in range(40):
         step(scene, robot, rules=ROOMS["people"])
         near.append(math.hypot(scene.room.circles[0, 0] - robot.x, scene.room.circles[0, 1] - robot.y) - 0.2 - RADIUS)
