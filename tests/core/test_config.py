@@ -1,35 +1,39 @@
-"""Parameters: what each rule accepts and says, what a user may give in their place, and files of them."""
+"""Parameters: what each rule accepts, what a user may give in their place, and files of them."""
 
 import math
 import re
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
-from typing import Annotated
+from copy import deepcopy
+from dataclasses import asdict, fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
-from turtlebot_gym import NOISES, ROBOTS, OdometryNoise, Robot, make_filter, make_noise
+from turtlebot_gym import NOISES, ROBOTS, OdometryNoise, Options, Robot, make_filter, make_noise, make_parameters, make_robot
 from turtlebot_gym.config import (
     FINITE,
     NON_NEGATIVE,
     POSITIVE,
     POSITIVE_OR_INFINITE,
     PROBABILITY,
-    Names,
-    Numbers,
     Range,
     build,
-    check_fields,
     choose,
-    rules,
+    flattened,
     variances,
 )
-from turtlebot_gym.files import load, load_object, replacing, write_text
-from turtlebot_gym.parameters import FilterTuning, FixNoise
-from turtlebot_gym.rooms.lidar import Lidar
-from turtlebot_gym.rooms.rules import RoomRules
-from turtlebot_gym.tasks import Task
+from turtlebot_gym.files import load, load_object, replacing, write_parameters, write_text
+from turtlebot_gym.localization.tuning import LOCALIZERS, make_localizer
+from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise
+from turtlebot_gym.presets import FIXES
+from turtlebot_gym.rooms.lidar import LIDARS, Lidar
+from turtlebot_gym.rooms.rules import ROOMS, RoomRules
+from turtlebot_gym.rooms.worlds import find_lidar, find_world
+from turtlebot_gym.systems.imu import IMUS
+from turtlebot_gym.tasks import TASKS, Task
 
 NO_NUMBERS = [math.nan, -math.inf, "1", None, True, np.bool_(True), 1j, [1.0], np.array([1.0]), {}]
 SIZES = [1e-15, 1, np.float32(0.5), np.int8(3), np.array(4.0), 1e9]
@@ -58,70 +62,34 @@ def test_a_range_accepts_its_numbers_and_says_what_they_are(rule, words, accepte
             rule.check("it", value)
 
 
-@pytest.mark.parametrize("value", [(1.0, 2.0), [1, 2], np.array([1.0, 2.0]), np.diag([1.0, 2.0]), [[1.0, 0.0], [0.0, 2.0]]])
-def test_variances_are_a_diagonal_of_floats(value):
-    assert variances(2).check("R", value) == (1.0, 2.0)
-    assert list(map(type, variances(2).check("R", value))) == [float, float]
+def test_variances_are_a_diagonal_of_floats():
+    for value in ((1.0, 2.0), [1, 2], np.array([1.0, 2.0]), np.diag([1.0, 2.0]), [[1.0, 0.0], [0.0, 2.0]]):
+        assert repr(variances(2).check("R", value)) == "(1.0, 2.0)"
+    for value in (3.0, None, "12", (1.0,), (1.0, -1.0), [[1.0, 0.5], [0.0, 1.0]], [[1.0], [1.0]], np.eye(3)):
+        with pytest.raises(ValueError, match=r"^R(\[.\])? must be (2 numbers or a diagonal 2 x 2|a number from|a number)"):
+            variances(2).check("R", value)
 
 
-@pytest.mark.parametrize("value", [3.0, None, "12", (1.0,), (1.0, -1.0), [[1.0, 0.5], [0.0, 1.0]], [[1.0], [1.0]], np.eye(3)])
-def test_other_variances_are_refused(value):
-    with pytest.raises(ValueError, match=r"^R(\[.\])? must be (2 numbers or a diagonal 2 x 2|a number from|a number)"):
-        variances(2).check("R", value)
-
-
-def test_a_choice_is_what_the_name_stands_for():
-    known = {"one": 1, "three": 3}
-    assert choose("number", "one", known) == 1
+def test_an_unknown_name_is_answered_with_the_known_ones_and_the_nearest():
+    assert choose("number", "one", {"one": 1, "three": 3}) == 1
     for name, question in (("four", ""), ("thee", " Did you mean 'three'?"), (["one"], ""), (None, "")):
         message = f"number must be one of 'one', 'three', got {name!r}.{question}"
         with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-            Names(tuple(known)).check("number", name)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
-    """A part of `Whole`."""
-
-    size: float = 1.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Whole:
-    """A field of each type that parameters have."""
-
-    length: Annotated[float, POSITIVE]
-    count: int = 1
-    flag: bool = False
-    limit: Annotated[float | None, NON_NEGATIVE] = None
-    pair: Annotated[tuple[float, ...], Numbers(FINITE, 2)] = (0.0, 0.0)
-    any: tuple[float, ...] = (math.nan,)
-    part: Part = Part()
-
-    def __post_init__(self) -> None:
-        check_fields(self)
+            choose("number", name, {"one": 1, "three": 3})
+    for make in (make_parameters, lambda **options: Options.of(options)):
+        with pytest.raises(TypeError, match=r"^There is no option 'nois'; options are task, robot, .* Did you mean 'noise'\?$"):
+            make(nois="clean")
 
 
 def test_fields_get_the_types_that_they_are_declared_with():
-    made = Whole(length=np.float32(2), count=np.int64(3), flag=np.bool_(True), pair=np.zeros(2), any=[1], part={"size": 3})
-    assert made == Whole(length=2.0, count=3, flag=True, pair=(0.0, 0.0), any=(1.0,), part=Part(size=3.0))
-    assert [type(value) for value in (made.length, made.count, made.flag, made.any[0])] == [float, int, bool, float]
-    assert (build(Whole, made, "it") is made, made.limit, rules(Whole)["length"]) == (True, None, POSITIVE)
-
-
-def test_a_message_is_one_short_line_that_asks_whether_a_similar_name_was_meant():
-    for wrong, message in (
-        ({"any": [True]}, "Whole.any[0] must be a number, got True."),
-        ({"part": {"sizze": 1}}, "Whole.part: Part has no sizze; it has size. Did you mean 'size'?"),
-        ({"length": "x" * 999}, "Whole.length must be a positive number from 1e-15 to 1e+09, got '" + "x" * 199 + "."),
-    ):
-        with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-            build(Whole, {"length": 1.0} | wrong, "it")
-    with pytest.raises(ValueError, match=r"^it: Whole needs length\.$"):
-        build(Whole, {}, "it")
+    made = Task(laps=np.int64(3), random=np.bool_(False), radius=np.float32(0.5))
+    assert [type(value) for value in (made.laps, made.random, made.radius)] == [int, bool, float]
+    assert repr(Noise(odometry={"R": np.zeros((3, 3)), "spike": 1})) == repr(Noise(odometry=OdometryNoise(spike=1.0)))
+    assert build(Task, made, "it") is made
+    with pytest.raises(ValueError, match=r"^it: FixNoise needs R\.$"):
+        build(FixNoise, {}, "it")
+    with pytest.raises(ValueError, match=r"^Task\.radius must be .*, got 'x{199}\.$"):  # shortened
+        Task(radius="x" * 999)
 
 
 NEEDED = {Robot: asdict(ROBOTS["burger"]), FixNoise: {"R": (0.1, 0.1)}, FilterTuning: {"Q": (0.1,) * 5, "R": (0.1,) * 3}}
@@ -150,11 +118,102 @@ def test_what_does_not_go_together_is_refused(kind, field, wrong):
 
 
 def test_parts_keep_the_fields_that_are_not_given_and_a_name_chooses_another_class():
-    rough = NOISES["rough"]
     made = make_noise({"base": "rough", "odometry": {"dropout_probability": 0.3}})
-    assert made == replace(rough, odometry=replace(rough.odometry, dropout_probability=0.3))
-    other = make_filter({"base": "gated", "kind": {"name": "Kalman", "gate": 9.0}}, rough)
+    assert made == replace(ROUGH, odometry=replace(ROUGH.odometry, dropout_probability=0.3))
+    other = make_filter({"base": "gated", "kind": {"name": "Kalman", "gate": 9.0}}, ROUGH)
     assert (type(other.kind).__name__, other.kind.gate) == ("Kalman", 9.0)
+
+
+# Each kind of option: by name, as such, by mapping, by file, and as a variant.
+
+ROUGH, A1 = NOISES["rough"], LIDARS["a1"]
+KINDS: dict[str, tuple[Any, dict[str, Any], str]] = {
+    "robot": (make_robot, ROBOTS, "burger"),
+    "noise": (make_noise, NOISES, "recorded"),
+    "fix": (lambda fix: make_parameters(fix=fix).fix, FIXES, "late"),
+    "imu": (lambda imu: make_parameters(imu=imu).imu, IMUS, "mpu9250"),
+    "filter": (lambda filter: make_filter(filter, ROUGH), {"gated": make_filter("gated", ROUGH)}, "gated"),
+    "lidar": (find_lidar, LIDARS, "a1"),
+    "localizer": (lambda given: make_localizer(given, A1), {name: make(A1) for name, make in LOCALIZERS.items()}, "robot"),
+    "world": (find_world, ROOMS, "dense"),
+    "task": (lambda task: make_parameters(task).task, TASKS, "nav"),
+}
+FILES = [name for name in KINDS if name not in ("world", "task")]  # a world's file is a map
+VALUES = {
+    bool: [3, "yes"],
+    int: [math.nan, "1", True],
+    float: [math.nan, "1.0", True],
+    str: [3],
+    list: ["x", [["x"]]],
+    dict: [3],
+}
+"""Wrong values and types for a field, by the type that YAML has for it."""
+
+
+def content_of(parameters: Any) -> dict[str, Any]:
+    """Return parameters as a file has them."""
+    content = yaml.safe_load(yaml.safe_dump(asdict(parameters)))
+    return content | ({"kind": {"name": "Gated", **content["kind"]}} if hasattr(parameters, "from_origin") else {})
+
+
+def wrong_ones(content: dict[str, Any], whole: dict[str, Any] | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the name of each field, and the whole with a wrong value, type or name of it."""
+    whole = content if whole is None else whole
+    for name, value in [*content.items()]:
+        for wrong in VALUES[type(value)]:
+            content[name] = wrong
+            yield ("kind" if name == "name" else name), deepcopy(whole)
+        content.pop(name)
+        content[f"{name}x"] = value
+        yield ("kind" if name == "name" else f"{name}x"), deepcopy(whole)
+        content.pop(f"{name}x")
+        content[name] = value
+        if isinstance(value, dict):
+            yield from wrong_ones(value, whole)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_wrong_value_type_or_name_of_each_field_is_refused_in_one_line_that_names_it(name, tmp_path):
+    make, presets, preset = KINDS[name]
+    path, content = tmp_path / "own.yaml", content_of(presets[preset])
+    assert repr(make(content)) == repr(presets[preset])  # a drawn pose is NaN
+    for field, wrong in [*wrong_ones(content)]:
+        path.write_text(yaml.safe_dump(wrong))
+        with pytest.raises(ValueError, match=rf"\b{field}\b") as caught:
+            make(path if name in FILES else wrong)
+        assert "\n" not in str(caught.value)
+        assert name not in FILES or str(caught.value).startswith(f"{path}: ")
+    assert len([*wrong_ones(content)]) >= 2 * len(fields(presets[preset]))
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_parameters_are_given_by_name_as_such_by_mapping_and_as_a_variant(name):
+    make, presets, preset = KINDS[name]
+    made = presets[preset]
+    assert make(preset) == make(made) == make({"base": preset}) == make({"base": {"base": preset}}) == made
+    for field, value in flattened(asdict(made)):
+        change: Any = value
+        for key in field.split(".")[::-1]:
+            change = {key: change}
+        assert repr(make({"base": preset} | change)) == repr(made)
+    numbers = [item.name for item in fields(made) if isinstance(getattr(made, item.name), float) and item.name != "kind"]
+    for field in numbers[:1]:
+        other = getattr(made, field) * 0.75 + 1e-3
+        assert make({"base": preset, field: other}) == replace(made, **{field: other}) != made
+    for unknown in ("nonsense", "", [], 3, 0.5, True, Ellipsis, {"nonsense": 1.0}):
+        with pytest.raises(ValueError, match=name) as caught:
+            make(unknown)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_parameters_are_read_as_they_were_written(name, tmp_path):
+    make, presets, _ = KINDS[name]
+    path = tmp_path / "lab" / "it.yaml"
+    for preset in presets.values():
+        write_parameters(preset, path, comment="Two lines\nof comment")
+        assert path.read_text().startswith("# Two lines\n# of comment\n")
+        assert make(path) == make(str(path)) == make({"base": str(path)}) == preset
 
 
 def test_numbers_are_read_as_one_writes_them(tmp_path):

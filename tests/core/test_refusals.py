@@ -8,10 +8,8 @@ import pytest
 from gymnasium.error import Error, InvalidAction, ResetNeeded
 
 from turtlebot_gym.envs.navigation import NavigationEnv
-from turtlebot_gym.estimation.gyro import Gyro
 
 NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
-STRAIGHT = np.array([1.0, 0.0], np.float32)
 NAN, INF = math.nan, math.inf
 
 
@@ -32,11 +30,9 @@ def maker(request):
     return request.param
 
 
-GYRO = {"Q": (0.0,) * 5, "R": (1.0,) * 3, "kind": Gyro(variance=1e-4, bias_deviation=0.05)}
+CHOICES = ("", [], 0, 0.5, ["x"], {"nonsense": 1.0}, Ellipsis)
 WRONG = {
-    **dict.fromkeys(
-        ("integrator", "arrival", "switch", "observation", "reward"), ("", [], 0, 0.5, ["x"], {"nonsense": 1.0}, Ellipsis)
-    ),
+    **dict.fromkeys(("integrator", "arrival", "switch", "observation", "reward"), CHOICES),
     "dt": ("0.1", True, 10.1, 0.9e-4, NAN),
     "delay": (1.0, 4, True),
     "laps": (0, True),
@@ -54,14 +50,12 @@ def test_options_are_refused_by_name(maker, name):
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"dt": 1e-4, "fix": "late"}, "fix must come at most 25 steps late"),
-        ({"reward": {"time": "much"}}, r"reward\['time'\] must be a number"),
+        ({"dt": 1e-4, "fix": "late"}, "fix"),
         ({"reward": {"tim": 1.0}}, "reward .*'tim'.* Did you mean 'time'"),
-        ({"reward": {"math:pi": 1.0}}, r"reward\['math:pi'\] must be a RewardTerm"),
-        ({"reward": {"nosuch:SPIN": 1.0}}, "'nosuch:SPIN' cannot be loaded"),
+        ({"reward": {"math:pi": 1.0}}, r"reward\['math:pi'\]"),
+        ({"reward": {"nosuch:SPIN": 1.0}}, "'nosuch:SPIN'"),
         ({"task": "nav", "waypoints": [(1.0, 0.0, 0.0)]}, "waypoints"),
         ({"filter": "gyro"}, "filter 'gyro' reads the sensor 'imu'"),
-        ({"filter": GYRO}, "The filter reads the sensor 'imu'"),
     ],
     ids=str,
 )
@@ -69,56 +63,43 @@ def test_options_that_do_not_go_together_are_refused(maker, options, named):
     refused(lambda: maker(SQUARE, **options), named)
 
 
-@pytest.mark.parametrize(
-    ("name", "wrong"),
-    [
-        ("num_envs", 0),
-        ("info", "some"),
-        ("autoreset_mode", "later"),
-        ("render_mode", "human"),
-        *(("max_episode_steps", steps) for steps in (0, -5)),
-        *(("render_rows", rows) for rows in (0, 2.5)),
-    ],
-)
-def test_arguments_of_a_vector_environment_are_refused_by_name(name, wrong):
-    refused(lambda: vector(**{name: wrong}), f"{name}|Task.max_steps")
+VECTORS = {"num_envs": 0, "info": "some", "autoreset_mode": "later", "render_mode": "human", "max_episode_steps": 0}
 
 
-@pytest.mark.parametrize("seed", [1.5, True, "1", -1, NAN, np.float32(1.0), b"1", {}], ids=str)
-def test_a_seed_is_a_whole_number(maker, seed):
-    refused(lambda: maker(NAV).reset(seed=seed), "seed must be a whole number")
+@pytest.mark.parametrize("name", [*VECTORS, "render_rows"])
+def test_arguments_of_a_vector_environment_are_refused_by_name(name):
+    refused(lambda: vector(**{name: VECTORS.get(name, 2.5)}), f"{name}|Task.max_steps")
 
 
-@pytest.mark.parametrize(
-    "seed", [(), [1, 2], [1, 2, 3, 4], [1, 2.5, 3], [1, 2, True], [1, 2, -3], np.array([0.5, 1.0, 2.0])], ids=str
-)
-def test_a_list_of_seeds_has_one_for_each_environment(seed):
-    refused(lambda: vector().reset(seed=seed), r"seed must hold 3 seeds|seed\[\d\] must be a whole number")
+def test_a_seed_is_a_whole_number_for_each_environment(maker):
+    for seed in (1.5, True, "1", -1, NAN, np.float32(1.0), b"1", {}):
+        refused(lambda seed=seed: maker(NAV).reset(seed=seed), "seed must be a whole number")
+    for seed in ((), [1, 2], [1, 2, 3, 4], [1, 2.5, 3], [1, 2, True], [1, 2, -3], np.array([0.5, 1.0, 2.0])):
+        refused(lambda seed=seed: vector().reset(seed=seed), r"seed must hold 3 seeds|seed\[\d\] must be a whole number")
 
 
 @pytest.mark.parametrize("id", [NAV, ROOMS])
-@pytest.mark.parametrize("options", [{"begin": 1}, {3: 4}, {1: 2, "b": 3}, "world", 3, ["reset_mask"]], ids=str)
-def test_unknown_options_of_a_reset_are_refused(maker, id, options):
+def test_unknown_options_of_a_reset_are_refused_and_begin_nothing(maker, id):
     env = maker(id)
-    refused(lambda: env.reset(seed=0, options=options), "options must be")
+    for options in ({"begin": 1}, {3: 4}, {1: 2, "b": 3}, "world", 3, ["reset_mask"]):
+        refused(lambda options=options: env.reset(seed=0, options=options), "options must be")
     refused(lambda: env.unwrapped.step(np.zeros(env.action_space.shape)), r"Call reset\(\) before step", ResetNeeded)
 
 
-OTHER_MASKS = [[True, False, True], np.ones(2, np.bool_), np.ones((3, 1), np.bool_), np.array([1, 0, 1]), np.zeros(3, np.bool_)]
-
-
-@pytest.mark.parametrize("mask", OTHER_MASKS, ids=["list", "short", "deep", "numbers", "empty"])
-def test_a_mask_of_another_form_is_refused(mask):
-    envs = vector()
-    envs.reset(seed=0)
-    refused(lambda: envs.reset(options={"reset_mask": mask}), "reset_mask must be")
-
-
-def test_a_mask_cannot_leave_out_what_was_never_reset():
+def test_a_mask_is_of_truths_for_each_environment_and_leaves_out_none_that_was_never_reset():
     envs, options = vector(), {"reset_mask": np.array([True, False, True])}
-    for _ in range(2):  # a refused reset begins nothing
+    for _ in range(2):
         refused(lambda: envs.reset(seed=0, options=options), "Environment 1: call reset", ResetNeeded)
         refused(lambda: envs.step(np.zeros((3, 2))), "Call reset", ResetNeeded)
+    envs.reset(seed=0)
+    for mask in (
+        [True, False, True],
+        np.ones(2, np.bool_),
+        np.ones((3, 1), np.bool_),
+        np.array([1, 0, 1]),
+        np.zeros(3, np.bool_),
+    ):
+        refused(lambda mask=mask: envs.reset(options={"reset_mask": mask}), "reset_mask must be")
 
 
 @pytest.mark.parametrize("bad", [(NAN, 0.0), (0.0, NAN), (INF, 0.0), (0.0, -INF), (INF, -INF)], ids=str)
@@ -134,15 +115,13 @@ def test_an_action_that_is_not_finite_is_refused_with_the_environments_index_and
     np.testing.assert_array_equal(env.step(actions)[0], other.step(actions)[0])
 
 
-NO_ACTIONS = ({"v": 1.0}, {0.1, 0.2}, None, "ab", [0.1, None], [[0.1], [0.1, 0.2]], 1j * STRAIGHT, STRAIGHT.astype("M8[s]"))
-OTHER_SHAPES = [np.zeros(shape, np.float32) for shape in ((), (1,), (3,), (2, 1), (1, 2), (0,))]
-
-
-@pytest.mark.parametrize("bad", [*NO_ACTIONS, *OTHER_SHAPES])
-def test_actions_of_another_kind_or_shape_are_refused(maker, bad):
+def test_actions_of_another_kind_or_shape_are_refused(maker):
     env = maker(NAV)
     env.reset(seed=0)
-    refused(lambda: env.step(bad), "An action must hold real numbers|Actions have shape", InvalidAction)
+    ahead = np.array([1.0, 0.0], np.float32)
+    kinds = ({"v": 1.0}, {0.1, 0.2}, None, "ab", [0.1, None], [[0.1], [0.1, 0.2]], 1j * ahead, ahead.astype("M8[s]"))
+    for bad in (*kinds, *(np.zeros(shape, np.float32) for shape in ((), (1,), (3,), (2, 1), (1, 2), (0,)))):
+        refused(lambda bad=bad: env.step(bad), "An action must hold real numbers|Actions have shape", InvalidAction)
 
 
 def test_stepping_an_ended_environment_is_an_error_where_autoreset_is_disabled():
