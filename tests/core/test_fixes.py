@@ -6,23 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from textbook import Textbook, difference
+from textbook import difference
 
 from turtlebot_gym import Episode, FixNoise, make_filter, make_noise, make_parameters
 from turtlebot_gym.estimation.consistency import nees
-from turtlebot_gym.estimation.ekf import correct
-from turtlebot_gym.estimation.filters import covariance_of, filter_of, matrix
+from turtlebot_gym.estimation.filters import filter_of, matrix
 from turtlebot_gym.estimation.fixes import NO_FIX, with_fixes
-from turtlebot_gym.estimation.sixth import NOTHING, Sixth, correct_both
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.tasks import SQUARE
-from turtlebot_gym.values import Belief, Command, Fix, Odometry, Pose, Senses, State, senses_of
+from turtlebot_gym.values import Command, Fix, Odometry, Pose, Senses, senses_of
 
 DT, DEPTH = 0.1, 5
 CASES = [("matched", "rough"), ("gated", "rough"), ("matched", "wheel"), ("tutorial", "tutorial")]
 POSITION, POSE = (0.02, 0.03, math.inf, 0.0, 0.0, 0.0), (0.02, 0.03, 0.05, 0.0, 0.0, 0.0)
 CORRELATED = (0.02, 0.03, 0.05, 0.015, -0.01, 0.002)
-TURNED = (0.02, 0.03, math.inf, -0.015, 0.0, 0.0)
 SENSES = senses_of(("odometry", "fix"))
 
 
@@ -95,39 +92,6 @@ def test_a_fix_counts_at_the_nearest_of_the_steps_that_are_remembered(received, 
         assert with_late(bare, tuning, late, depth=depth, steps=steps)[-1].newest == in_time[-1]
 
 
-@pytest.mark.parametrize("R", [POSITION, POSE, CORRELATED, TURNED])
-@pytest.mark.parametrize(("kind", "noise"), CASES[:-1])
-def test_a_fix_is_the_joint_update_of_the_textbook(kind, noise, R):
-    tuning, filter = tuned(kind, noise)
-    estimate, z = by_hand(filter, tuning, {}, 12)[-1], Pose(0.1, 0.1, 0.2)
-    P = np.zeros((5, 5))
-    P[:3, :3], P[3, 3], P[4, 4] = matrix(estimate.belief.covariance), *estimate.belief.covariance[6:]
-    book = Textbook(estimate.belief.mean, P, tuning)
-    book.update(z, R)
-    fixed = filter.fix(estimate, z, R, tuning)
-    np.testing.assert_allclose(fixed.belief.mean, book.x, atol=1e-12)
-    np.testing.assert_allclose(fixed.belief.covariance, covariance_of(book.P), atol=1e-12)
-    assert fixed.nis == estimate.nis  # the odometry's
-
-
-@pytest.mark.parametrize("variance", [0.05, math.inf])
-def test_without_correlations_a_fix_is_to_the_last_bit_the_update_by_x_y_and_heading(variance):
-    rng, R = np.random.default_rng(4), (0.02, 0.03, variance)
-    for _ in range(50):
-        root = rng.standard_normal((5, 5))
-        belief = Belief(State(*rng.standard_normal(5).tolist()), covariance_of(root @ root.T))
-        sixth, z = Sixth(1.0, 0.3, Pose(*(0.1 * root[0, :3]).tolist())), Pose(*rng.uniform(-3.0, 3.0, 3).tolist())
-        posterior, further, nis = correct_both(belief, sixth, z, (*R, 0.0, 0.0, 0.0))
-        assert (posterior, nis) == correct(belief, z, R)
-        assert correct_both(belief, NOTHING, z, (*R, 0.0, 0.0, 0.0)) == (posterior, NOTHING, nis)
-        # The further state is the fourth of the textbook's.
-        P = np.zeros((4, 4))
-        P[:3, :3], P[3, :3], P[:3, 3], P[3, 3] = matrix(belief.covariance), sixth.column, sixth.column, sixth.variance
-        if R[2] < math.inf:
-            gain = P[:, :3] @ np.linalg.inv(P[:3, :3] + np.diag(R))
-            np.testing.assert_allclose(further.variance, (P - gain @ P[:3])[3, 3], rtol=1e-9, atol=1e-12)
-
-
 ENDLESS, ORIGIN = replace(SQUARE, switch_period=1e9, max_steps=1e9), (Pose(0.0, 0.0, 0.0),)
 
 
@@ -161,15 +125,11 @@ def test_fixes_come_each_period_as_late_as_they_say_with_white_noise_on_the_pose
     assert np.abs(np.corrcoef(independent) - np.eye(3)).max() < 0.15  # of 700; one in 10^4 exceeds it
 
 
-def of_now(p):
-    """Return the system of some parameters, but its sensor says that late fixes are of now, and its filter believes that."""
+def ends(p, **changes):
+    """Yield belief and true state at the end of 60 drives of 60 steps, with other values of some of the fixes' fields."""
     system = system_of(p)
-    late = system.sensors[-1]
-    return system.with_sensor(late._replace(sense=lambda *arguments: late.sense(*arguments)._replace(age=0.0)))
-
-
-def ends(p, system):
-    """Yield belief and true state at the end of 60 drives of 60 steps."""
+    sensor = system.sensors[-1]
+    system = system.with_sensor(sensor._replace(sense=lambda *given: sensor.sense(*given)._replace(**changes)))
     for seed in range(60):
         episode = Episode(p, ORIGIN, seed=seed, system=system)
         for step in range(60):
@@ -181,10 +141,8 @@ def test_late_fixes_leave_the_filter_consistent_and_naive_fusion_does_not():
     # 60 independent drives: a consistent filter's sum is chi-square with 180 degrees of freedom. Fails for one seed in 10^4.
     fix = FixNoise(R=(0.0025, 0.0025, 0.0025), period=0.5, delay=0.3, dropout_probability=0.3)
     p, means = make_parameters(ENDLESS, noise="wheel", fix=fix), []
-    for system in (system_of(p), of_now(p)):
-        values = []
-        for (mean, P), truth in ends(p, system):
-            values.append(nees(np.array(mean), np.array(truth), matrix(P)))
+    for changes in ({}, {"age": 0.0}):  # a sensor that says that late fixes are of now, which the filter believes
+        values = [nees(np.array(mean), np.array(truth), matrix(P)) for (mean, P), truth in ends(p, **changes)]
         means.append(float(np.mean(values)))
     low, high = stats.chi2.ppf((0.5e-4, 1.0 - 0.5e-4), 180) / 60.0
     assert low < means[0] < high < means[1]
@@ -200,11 +158,9 @@ def test_along_a_corridor_the_full_covariance_is_consistent_and_three_times_as_e
     fix = FixNoise(R=(R[0, 0], R[1, 1]), cross=(R[0, 1], 0.0, 0.0), period=0.5)
     assert fix.R[2] == math.inf  # two variances mean that the heading is not measured
     p, squares, sizes = make_parameters(ENDLESS, noise=noise, fix=fix), [], []
-    full = system_of(p)
-    diagonal = full.sensors[-1]._replace(sense=lambda *given: full.sensors[-1].sense(*given)._replace(cross=(0.0, 0.0, 0.0)))
-    for system in (full, full.with_sensor(diagonal)):
+    for changes in ({}, {"cross": (0.0, 0.0, 0.0)}):
         errors = []
-        for (mean, P), truth in ends(p, system):
+        for (mean, P), truth in ends(p, **changes):
             off, P = np.array(mean[:2]) - truth[:2], matrix(P)[:2, :2]
             errors.append([((off @ u) ** 2, u @ P @ u) for u in (ALONG, ACROSS)])
         off, stated = np.moveaxis(errors, 2, 0)

@@ -1,4 +1,4 @@
-"""The gyro and the filter that reads it: its numbers, and in any order with fixes."""
+"""The gyro's numbers, what it is worth on wheels, and its order among the sensors; its filter: `test_filters`."""
 
 import math
 
@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 from textbook import difference
 
-from turtlebot_gym import Episode, Noise, OdometryNoise, make_parameters
-from turtlebot_gym.estimation.filters import filter_of
+from turtlebot_gym import Episode, make_parameters
 from turtlebot_gym.models.random import FIX, ROOM, SCAN, SENSOR
 from turtlebot_gym.presets import make_filter
 from turtlebot_gym.systems import imu, system_of
 from turtlebot_gym.systems.fixes import fix_sensor
-from turtlebot_gym.systems.imu import IMU, Imu, ImuNoise
+from turtlebot_gym.systems.imu import IMU, ImuNoise
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
-from turtlebot_gym.values import STOP, Command, Odometry, Pose, senses_of
-
-NOISE = Noise(odometry=OdometryNoise(R=(0.03**2, 0.02**2, 0.05**2), dropout_probability=0.1))
-TUNING = make_filter("gyro", NOISE, imu=ImuNoise(variance=1e-4, bias_deviation=0.05, bias_walk=0.01))
+from turtlebot_gym.values import STOP
 
 
 def test_readings_have_the_stated_noise_bias_and_drift():
@@ -36,19 +32,6 @@ def test_readings_have_the_stated_noise_bias_and_drift():
                 episode.step(STOP)
             rows.append((start, episode.world.senses.imu.omega))
         assert np.std(rows, axis=0) == pytest.approx((first, last), rel=0.36)
-
-
-def test_a_fix_corrects_pose_and_bias():
-    filter = filter_of(TUNING)
-    senses = senses_of(("odometry", "imu"))(Odometry(Pose(0.0, 0.0, 0.0), Command(0.2, 0.3), False), Imu(0.35, 0.0))
-    estimate = filter.start(senses, TUNING)
-    for _ in range(20):
-        estimate = filter.step(estimate, senses, senses, TUNING, 0.1, 0.0)
-    mean = estimate.belief.mean
-    fixed = filter.fix(estimate, Pose(mean.x, mean.y, mean.theta - 0.1), (1.0, 1.0, 1e-6, 0.0, 0.0, 0.0), TUNING)
-    assert fixed.belief.mean.theta == pytest.approx(mean.theta - 0.1, abs=1e-3)
-    assert fixed.bias.mean > estimate.bias.mean  # it turned less than measured
-    assert fixed.nis == estimate.nis
 
 
 def test_with_wheel_odometry_the_gyro_keeps_the_heading():
