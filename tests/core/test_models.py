@@ -10,17 +10,7 @@ from scipy import stats
 
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment, measure
-from turtlebot_gym.models.unicycle import (
-    INTEGRATORS,
-    accelerate,
-    advance,
-    execute,
-    execution_variances,
-    expected,
-    limit,
-    motion,
-    slips,
-)
+from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, execution_variances, expected, limit, slips
 from turtlebot_gym.parameters import OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import Command, Pose
@@ -107,18 +97,6 @@ def test_integrators_converge_to_the_arc_with_their_orders(integrator, order):
     coarse, half, fine = (error[:2].max() for error in errors)
     assert [np.log2(coarse / half), np.log2(half / fine)] == pytest.approx([order, order], abs=0.1)
     assert errors[0].max() < (1e-3 if order == 2 else 0.1)
-
-
-@pytest.mark.parametrize("integrator", INTEGRATORS.values())
-@pytest.mark.parametrize("dt", [0.1, 0.25])
-def test_derivatives_of_the_motion_equal_differences(integrator, dt):
-    h = 1e-6
-    for theta, v, omega in np.random.default_rng(2).uniform(-3.0, 3.0, (200, 3)).tolist():
-        changes = []
-        for at in range(3):
-            one, other = ([number + sign * h * (i == at) for i, number in enumerate((theta, v, omega))] for sign in (1.0, -1.0))
-            changes.append(np.subtract(motion(*one, dt, integrator)[:2], motion(*other, dt, integrator)[:2]) / (2.0 * h))
-        np.testing.assert_allclose(motion(theta, v, omega, dt, integrator)[3:], np.array(changes).T.ravel(), atol=1e-8)
 
 
 ALPHAS = ProcessNoise(alpha1=0.02, alpha2=0.003, alpha3=0.4, alpha4=0.05)

@@ -16,13 +16,11 @@ from turtlebot_gym.heart import Episode
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import normals
 from turtlebot_gym.observations import Observation, ObservationTerm
-from turtlebot_gym.observations.columns import size_of
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Options, Sensor, make_parameters, open_ground, system_of
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 
-BASE = open_ground(EXTENDED_KALMAN)
 BEACONS = ((2.0, 2.0), (-2.0, 2.0), (0.0, -3.0))
 
 
@@ -54,24 +52,21 @@ def estimate_with_ranges(estimate, before, senses, p):
 
 @kernel
 def see(world, p):
-    near = min(min(world.senses.ranges[0], world.senses.ranges[1]), world.senses.ranges[2])
-    x, y = world.course.reference.x - world.estimate.belief.mean.x, world.course.reference.y - world.estimate.belief.mean.y
-    return sqrt(x * x + y * y), near, world.senses.odometry.twist.v
+    return world.senses.ranges
 
 
 RANGES = (
-    BASE._replace(estimate=estimate_with_ranges)
+    open_ground(EXTENDED_KALMAN)
+    ._replace(estimate=estimate_with_ranges, move=slide)
     .with_sensor(Sensor("ranges", first_ranges, sense_ranges))
-    .with_observation(ObservationTerm("ranges", see, (0.0, 0.0, -1.0), (20.0, 20.0, 1.0)))
+    .with_observation(ObservationTerm("ranges", see, (0.0,) * 3, (20.0,) * 3))
 )
 
 
 def test_another_sensor_filter_observation_and_plant_are_the_same_compiled_and_in_plain_python(in_step):
     task, waypoints = Options(task=replace(SQUARE, radius=1.5)).course()
-    p, own = make_parameters(task, noise="rough", integrator="midpoint", delay=1), RANGES._replace(move=slide)
-    batch = Batch(35, p, waypoints, system=own)
-    plain = {i: Episode(p, waypoints, seed=i, system=own) for i in (0, 1, 31, 32, 34)}
-    assert batch.empty()[0].shape[1] == len(plain[0].observe()) == size_of(own.terms)
+    p = make_parameters(task, noise="rough", integrator="midpoint", delay=1)
+    batch, plain = Batch(35, p, waypoints, system=RANGES), {i: Episode(p, waypoints, seed=i, system=RANGES) for i in (0, 34)}
     reached = sum(outcomes[5].sum() for outcomes in in_step(batch, plain, [0.2, -0.2], [1.2, 0.2], 150))
     assert reached > 0, "no waypoint was reached: the test saw too little"
 
@@ -86,11 +81,8 @@ def test_an_episode_takes_another_plant_that_is_no_kernel():
 
     p = make_parameters(SQUARE, noise="clean")
     episode = Episode(p, SQUARE_WAYPOINTS, system=system_of(p)._replace(move=engine))
-    reached = []
-    for k in range(1, 8):
-        reached.append(episode.step(STOP).reached)
-        assert episode.world.senses.odometry.pose == (0.25 * k, 0.0, 0.0)
-    assert reached == [False] * 6 + [True]  # at 1.75 m, within 0.3 m of the first waypoint
+    assert [episode.step(STOP).reached for _ in range(7)] == [False] * 6 + [True]  # 0.3 m before the first waypoint
+    assert episode.world.senses.odometry.pose == (1.75, 0.0, 0.0)
 
 
 # The parts, by numbers that were worked out by hand.
@@ -106,15 +98,6 @@ def test_a_command_comes_as_many_steps_late_as_asked_for(delay):
         episode.step(Command(0.01 * k, 0.0))
         assert episode.world.body.command.v == (0.01 * (k - delay) if k > delay else 0.0)
         assert episode.world.senses.odometry.twist == episode.world.body.command
-
-
-def test_the_pose_moves_with_the_twist_of_the_step_before():
-    episode = Episode(make_parameters(SQUARE, noise="clean"), SQUARE_WAYPOINTS)
-    xs = []
-    for v in (0.1, 0.2, 0.0, 0.0):
-        episode.step(Command(v, 0.0))
-        xs.append(episode.world.body.true_state.x)
-    assert xs == pytest.approx([0.0, 0.01, 0.03, 0.03], abs=1e-15)
 
 
 @pytest.mark.parametrize("wheel", [True, False])
@@ -152,9 +135,7 @@ def test_a_lost_measurement_leaves_all_of_the_last_pose_and_the_filter_predicts_
             assert now.estimate == before.estimate._replace(belief=predicted)
         missed += not measured
         before = now
-    # binomial(500, lost): this fails for one seed in 10^4
     assert stats.binomtest(missed, 500, lost).pvalue > 1e-4
-    assert stats.binomtest(missed, 500, 0.45).pvalue < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -170,7 +151,7 @@ def test_what_each_observation_shows_and_states(observation, distance, sine, v, 
     task, waypoints = Options(task="square", waypoints=[Pose(2.0, 0.0, 0.0)]).course()
     p = make_parameters(task, noise="clean", observation=observation)
     episode = Episode(p._replace(tuning=replace(p.tuning, R=(0.03, 0.01, 0.25))), waypoints)
-    covariance = Covariance(*[0.0] * 8)._replace(xx=0.09, yy=0.16, tt=0.01)
+    covariance = Covariance(0.09, 0.0, 0.0, 0.16, 0.0, 0.01, 0.0, 0.0)
     believed = ekf.Estimate(Belief(State(1.0, 0.0, 0.0, 0.1054, 0.0), covariance), 4.0, 0.0)
     body = episode.world.body._replace(true_state=State(0.0, 0.0, 0.0, 0.0, 1.3175))
     senses = Senses(Odometry(Pose(0.0, 1.0, 0.0), Command(0.2108, -2.635), True))
