@@ -116,4 +116,4 @@ def test_a_window_shows_the_picture_and_closes(monkeypatch):
 def test_missing_pygame_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pygame", None)
     with pytest.raises(DependencyNotInstalled, match="pip install"):
-        make()
+        make(windows=True)

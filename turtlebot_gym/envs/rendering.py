@@ -3,48 +3,73 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
-from matplotlib import get_data_path
-from numpy.typing import NDArray
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon, Wedge
+from matplotlib.ticker import MultipleLocator
+from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.observations import NEAREST
-from turtlebot_gym.plotting import BLACK, BLUE, ESTIMATE_WITHIN, GREEN, PURPLE, SIGMAS, SKY_BLUE, VERMILLION, ellipse
-from turtlebot_gym.rooms.rays import to_cells
+from turtlebot_gym.plotting import (
+    BLACK,
+    BLUE,
+    ESTIMATE_WITHIN,
+    GREEN,
+    PURPLE,
+    SIGMAS,
+    SKY_BLUE,
+    VERMILLION,
+    draw_map,
+    draw_room,
+    ellipse,
+)
+from turtlebot_gym.rooms.grid import grid_in
+from turtlebot_gym.rooms.scan import obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import Snapshot
 from turtlebot_gym.systems.scans import TrackedScene
 from turtlebot_gym.tasks import distance_to
 from turtlebot_gym.values import Pose, State
 
-if TYPE_CHECKING:
-    from pygame import Surface
-
 SIDE, HEADER = 640, 64
 """Side of the map, and height of the strip above it with the legend; pixels."""
-_FINE = 2
-"""Supersampling factor, which smooths every edge."""
+_DPI = 72
+"""Pixels per inch, with which widths of lines are pixels."""
 _MARGIN, _GROWTH = 0.5, 1.25
 """Margin around the visible points, m, and the factor by which a robot that leaves the view widens it."""
 _WHEEL = (0.75, 0.45, 0.13)
 """Distance from the middle, half length and half width of a wheel, as shares of the robot's radius."""
 _LINES = 36
 """Most beams drawn as lines; only the end points of the others are drawn."""
-_PAPER, _GRID, _TEXT, _BODY = "#ffffff", "#ebebeb", "#57606a", "#c8c8c8"
-_PALE_GOAL, _BEAM, _SOLID, _UNKNOWN = "#99d8c7", "#f0d9e6", "#555555", "#dddddd"
-
-Point = tuple[float, float]
+_LINE, _TEXT, _BODY, _PALE_GOAL, _BEAM = "#ebebeb", "#57606a", "#c8c8c8", "#99d8c7", "#f0d9e6"
 
 
-def _placed(pose: Pose | State, points: Iterable[Point]) -> list[Point]:
-    """Return points of a body's frame in the world."""
+def _placed(pose: Pose | State, points: ArrayLike) -> NDArray[np.float64]:
+    """Return points of a body's frame, shape (N, 2), in the world."""
     cosine, sine = math.cos(pose.theta), math.sin(pose.theta)
-    return [(pose.x + cosine * a - sine * b, pose.y + sine * a + cosine * b) for a, b in points]
+    return np.asarray(points) @ np.array([[cosine, sine], [-sine, cosine]]) + pose[:2]
+
+
+def _line(points: ArrayLike, color: str, width: float) -> Line2D:
+    return Line2D(*np.asarray(points).reshape(-1, 2).T, color=color, linewidth=width)
+
+
+def _dots(points: ArrayLike, color: str, size: float) -> Line2D:
+    return Line2D(
+        *np.asarray(points).reshape(-1, 2).T, color=color, linestyle="", marker="o", markersize=size, markeredgewidth=0
+    )
+
+
+def _heading(pose: Pose | State, color: str, length: float, width: float) -> Line2D:
+    return _line(_placed(pose, [(0.0, 0.0), (length, 0.0)]), color, width)
 
 
 class Renderer:
@@ -59,36 +84,34 @@ class Renderer:
         fps: Pictures per second in the window.
 
     Raises:
-        DependencyNotInstalled: If pygame is missing.
+        DependencyNotInstalled: If a window is asked for and pygame is missing.
     """
 
     def __init__(self, batch: Batch, row: int = 0, *, windows: bool = False, fps: float = 10.0) -> None:
-        try:
-            import pygame
-        except ImportError as error:
-            raise DependencyNotInstalled('pygame is not installed, run `pip install "pygame>=2.5"`') from error
-        pygame.font.init()
-        self._pygame, self._windows, self._fps, self._p = pygame, windows, fps, batch.parameters_of(row)
+        self._window: Any = None
+        if windows:
+            try:
+                import pygame
+            except ImportError as error:
+                raise DependencyNotInstalled('pygame is not installed, run `pip install "pygame>=2.5"`') from error
+            self._pygame, self._clock = pygame, pygame.time.Clock()
+        self._windows, self._fps, self._p = windows, fps, batch.parameters_of(row)
         self._waypoints = [] if self._p.task.random else [Pose(*pose) for pose in batch.waypoints[row].tolist()]
         self._scene = scene_at(batch.scenes, row) if self._p.room else None
         self._tracks = batch.scenes.tracker.seen[row] if isinstance(batch.scenes, TrackedScene) else None
-        self._font = pygame.font.Font(str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), 12 * _FINE)
-        self._window: Any = None
-        self._clock = pygame.time.Clock()
-        self._legend = self._make_legend()
+        self._canvas = FigureCanvasAgg(Figure(figsize=(SIDE / _DPI, (HEADER + SIDE) / _DPI), dpi=_DPI))
         self.reset()
 
     def reset(self) -> None:
         """Clear the trails, and return to the initial view."""
         arena = self._p.task.arena
         x, y, a, b = (0.0, 0.0, arena, arena) if self._scene is None else self._scene.room.walls.tolist()
-        self._corners = [(x - a, y - b), (x + a, y - b), (x + a, y + b), (x - a, y + b)]
+        self._corners = [(x - a, y - b), (x + a, y - b), (x + a, y + b), (x - a, y + b), (x - a, y - b)]
         seen = [(0.0, 0.0), *(waypoint[:2] for waypoint in self._waypoints)] if self._waypoints else self._corners
         low, high = np.min(seen, axis=0), np.max(seen, axis=0)
-        self._centre = (low + high) / 2.0
-        self._half = float(np.max(high - low)) / 2.0 + _MARGIN
+        self._centre, self._half = (low + high) / 2.0, float(np.max(high - low)) / 2.0 + _MARGIN
         self._trails: list[tuple[Pose, State, State]] = []
-        self._paper = self._make_paper()
+        self._axes, self._paper = self._make_paper()
 
     def draw(self, world: Snapshot) -> NDArray[np.uint8] | None:
         """Draw a world and add it to the trails.
@@ -96,32 +119,38 @@ class Renderer:
         Returns:
             The picture, shape (HEADER + SIDE, SIDE, 3); None if a window shows it.
         """
-        self._trails.append((world.senses.odometry.pose, world.body.true_state, world.estimate.belief.mean))
-        self._widen(world.body.true_state)
-        fine = self._surface(HEADER + SIDE)
-        fine.blit(self._legend, (0, 0))
-        to_go = distance_to(world.body.true_state, world.course.reference)
+        truth, (mean, P) = world.body.true_state, world.estimate.belief
+        self._trails.append((world.senses.odometry.pose, truth, mean))
+        needed = np.abs(truth[:2] - self._centre).max() + self._p.robot.radius
+        if needed > self._half:
+            self._half *= _GROWTH ** math.ceil(math.log(needed / self._half, _GROWTH))
+            self._axes, self._paper = self._make_paper()
+        self._canvas.restore_region(self._paper)
+        to_go = distance_to(truth, world.course.reference)
         numbers = f"time {world.steps * self._p.dt:.1f} s        {to_go:.2f} m to the waypoint"
-        self._write(fine, numbers, midleft=(15 * _FINE, 18 * _FINE))
-        fine.blit(self._paper, (0, _FINE * HEADER))
-        below = fine.subsurface((0, _FINE * HEADER, _FINE * SIDE, _FINE * SIDE))
-        for measured, _, _ in self._trails:
-            self._dot(below, SKY_BLUE, measured[:2], 4.0)
-        for which, color, width in ((1, BLACK, 3.0), (2, VERMILLION, 1.5)):
-            if len(self._trails) > 1:
-                self._lines(below, color, (row[which][:2] for row in self._trails), width)
+        text = self._canvas.figure.text(0.024, 0.974, numbers, color=_TEXT, size=12, va="center")
+        self._canvas.figure.draw_artist(text)
+        text.remove()
+        odometry, trail, estimates = ([pose[:2] for pose in poses] for poses in zip(*self._trails, strict=True))
+        moving = [_dots(odometry, SKY_BLUE, 4.0), _line(trail, BLACK, 3.0), _line(estimates, VERMILLION, 2.0)]
         if self._scene is not None:
-            self._draw_what_moves(below, self._scene, world.body.true_state)
-        self._draw_present(below, world)
-        picture = self._pygame.transform.smoothscale(fine, (SIDE, HEADER + SIDE))
+            moving += self._what_moves(self._scene, truth)
+        size = self._p.robot.radius
+        moving += [*self._waypoint(world.course.reference, GREEN, 3.0), *self._robot(truth, size)]
+        moving += [_dots(odometry[-1], SKY_BLUE, 9.0), _heading(world.senses.odometry.pose, SKY_BLUE, size, 2.5)]
+        outline = ellipse(mean, ((P.xx, P.xy), (P.xy, P.yy)))
+        for artist in (*moving, _line(outline, VERMILLION, 2.0), _heading(mean, VERMILLION, size, 2.5)):
+            self._axes.add_artist(artist)
+            self._axes.draw_artist(artist)
+            artist.remove()
+        picture = np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
         if not self._windows:
-            pixels = bytearray(self._pygame.image.tobytes(picture, "RGB"))  # four times as fast as pygame.surfarray
-            return np.frombuffer(pixels, np.uint8).reshape(HEADER + SIDE, SIDE, 3)
+            return picture
         if self._window is None:
             self._pygame.display.init()
-            self._window = self._pygame.display.set_mode(picture.get_size())
+            self._window = self._pygame.display.set_mode((SIDE, HEADER + SIDE))
             self._pygame.display.set_caption("TurtleBot")
-        self._window.blit(picture, (0, 0))
+        self._pygame.surfarray.blit_array(self._window, picture.swapaxes(0, 1))
         self._pygame.event.pump()
         self._pygame.display.flip()
         self._clock.tick(self._fps)
@@ -132,155 +161,82 @@ class Renderer:
             self._pygame.display.quit()
             self._window = None
 
-    def _widen(self, truth: State) -> None:
-        """Widen the view until it contains the robot."""
-        needed = np.abs(truth[:2] - self._centre).max() + self._p.robot.radius
-        if needed > self._half:
-            self._half *= _GROWTH ** math.ceil(math.log(needed / self._half, _GROWTH))
-            self._paper = self._make_paper()
-
-    # Points and lengths are those of the world, m; widths are pixels of the picture.
-
-    def _at(self, x: float, y: float) -> Point:
-        """Return column and row of a point, in supersampled pixels."""
-        left, top = self._centre[0] - self._half, self._centre[1] + self._half
-        return self._length(x - left), self._length(top - y)
-
-    def _length(self, metres: float) -> float:
-        return metres * _FINE * SIDE / (2.0 * self._half)
-
-    def _surface(self, height: int) -> Surface:
-        surface = self._pygame.Surface((_FINE * SIDE, _FINE * height))
-        surface.fill(_PAPER)
-        return surface
-
-    def _lines(self, surface: Surface, color: str, points: Iterable[Point], width: float) -> None:
-        self._pygame.draw.lines(surface, color, False, [self._at(x, y) for x, y in points], round(width * _FINE))
-
-    def _disc(self, surface: Surface, color: str, at: Point, radius: float, width: float = 0.0) -> None:
-        """Draw a circle of a width, or a disc if that is 0."""
-        self._pygame.draw.circle(surface, color, self._at(*at), self._length(radius), round(width * _FINE))
-
-    def _dot(self, surface: Surface, color: str, at: Point, width: float) -> None:
-        self._pygame.draw.circle(surface, color, self._at(*at), width * _FINE / 2.0)
-
-    def _polygon(self, surface: Surface, color: str, pose: Pose | State, points: Iterable[Point]) -> None:
-        """Fill a polygon of a body's frame."""
-        self._pygame.draw.polygon(surface, color, [self._at(x, y) for x, y in _placed(pose, points)])
-
-    def _heading(self, surface: Surface, color: str, pose: Pose | State, length: float, width: float) -> None:
-        self._lines(surface, color, _placed(pose, [(0.0, 0.0), (length, 0.0)]), width)
-
-    def _write(self, surface: Surface, text: str, **anchor: Point) -> None:
-        """Write text at an anchor of pygame's rectangles, such as ``midleft=(column, row)``."""
-        written = self._font.render(text, True, _TEXT, _PAPER)
-        surface.blit(written, written.get_rect(**anchor))
-
-    def _make_legend(self) -> Surface:
-        """Return the strip above the map with the legend, each entry as wide as its label."""
+    def _make_paper(self) -> tuple[Axes, Any]:
+        """Return the axes, and the picture of what does not move: whole metres, waypoints, the room, the legend."""
+        figure = self._canvas.figure
+        figure.clear()
+        axes = figure.add_axes((0.0, 0.0, 1.0, SIDE / (HEADER + SIDE)), frame_on=False)
+        if self._scene is not None:
+            if grid := grid_in(self._scene):
+                draw_map(axes, grid)
+            room, walks = obstacles_of(self._scene), self._walks(self._scene)
+            circles = tuple(circle for circle, is_person in zip(room.circles, walks, strict=True) if not is_person)
+            draw_room(axes, room._replace(circles=circles))
+        elif not self._waypoints:
+            axes.add_artist(_line(self._corners, _TEXT, 1.5))
+        for artist in (each for waypoint in self._waypoints for each in self._waypoint(waypoint, _PALE_GOAL, 1.5)):
+            axes.add_artist(artist)
+        (x, y), half = self._centre, self._half
+        axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(MultipleLocator(max(1, round(half / 4.0))))
+            axis.set_major_formatter("{x:g} m")
+            axis.set_zorder(0.0)
+        axes.grid(color=_LINE)
+        axes.tick_params(length=0, labelcolor=_TEXT, pad=-16)
+        axes.tick_params(axis="y", pad=-28)
         entries = {"robot (truth)": BLACK, ESTIMATE_WITHIN: VERMILLION, "odometry": SKY_BLUE, "waypoint": GREEN}
         if self._scene is not None:
             entries |= {"scan": PURPLE}
         if self._tracks is not None:
             entries |= {"track": VERMILLION}
-        strip, row, column = self._surface(HEADER), 46 * _FINE, 24 * _FINE
-        for label, color in entries.items():
-            self._pygame.draw.circle(strip, color, (column, row), 6 * _FINE, 2 * _FINE if label == "track" else 0)
-            self._write(strip, label, midleft=(column + 12 * _FINE, row))
-            column += self._font.size(label)[0] + 38 * _FINE
-        return strip
+        dots = [_dots((0.0, 0.0), color, 12.0) for color in entries.values()]
+        figure.legend(dots, entries, loc="upper left", bbox_to_anchor=(0.0, 0.96), ncols=9, frameon=False, labelcolor=_TEXT)
+        self._canvas.draw()
+        return axes, self._canvas.copy_from_bbox(figure.bbox)
 
-    def _make_paper(self) -> Surface:
-        """Return what does not move: lines at whole metres, waypoints, and the walls of the arena or the room."""
-        paper, end, edge = self._surface(SIDE), _FINE * SIDE, 20 * _FINE
-        spacing = max(1, round(self._half / 4.0))
-        for metres in range(-spacing * 999, spacing * 999, spacing):
-            column, row = self._at(metres, metres)
-            self._pygame.draw.line(paper, _GRID, (column, 0), (column, end), _FINE)
-            self._pygame.draw.line(paper, _GRID, (0, row), (end, row), _FINE)
-            if edge < column < end - edge:
-                self._write(paper, f"{metres} m", midbottom=(column, end - 4 * _FINE))
-            if edge < row < end - 1.5 * edge:  # not over the column labels
-                self._write(paper, f"{metres} m", midleft=(4 * _FINE, row))
-        for waypoint in self._waypoints:
-            self._draw_waypoint(paper, waypoint, _PALE_GOAL, 1.5)
-        if self._scene is not None:
-            self._draw_room(paper, self._scene.room)
-        elif not self._waypoints:
-            self._lines(paper, _TEXT, [*self._corners, self._corners[0]], 1.5)
-        return paper
+    @staticmethod
+    def _walks(scene: Scene) -> NDArray[np.bool_]:
+        """Return which circles of a room walk."""
+        return scene.room.circles[: scene.room.counts[0], 3:].any(1)
 
-    def _draw_room(self, paper: Surface, room: Any) -> None:
-        if room.squares.shape[1] > 0:
-            self._draw_map(paper, room)
-        self._lines(paper, _SOLID, [*self._corners, self._corners[0]], 4.0)
-        for x, y, a, b, cosine, sine in room.boxes[: room.counts[1]].tolist():
-            self._polygon(paper, _SOLID, Pose(x, y, math.atan2(sine, cosine)), [(a, b), (-a, b), (-a, -b), (a, -b)])
-        for x, y, radius, vx, vy in room.circles[: room.counts[0]].tolist():
-            if vx == vy == 0.0:
-                self._disc(paper, _SOLID, (x, y), radius)
-
-    def _draw_map(self, paper: Surface, room: Any) -> None:
-        width, height = paper.get_size()
-        metres = 1.0 / self._length(1.0)
-        x = self._centre[0] - self._half + (np.arange(width)[:, None] + 0.5) * metres
-        y = self._centre[1] + self._half - (np.arange(height)[None, :] + 0.5) * metres
-        column, row = (np.floor(at).astype(np.intp) for at in to_cells(room.frame, x, y))
-        column, row = np.clip(column, 0, room.squares.shape[2] - 1), np.clip(row, 0, room.squares.shape[1] - 1)
-        pixels = self._pygame.surfarray.pixels2d(paper)
-        pixels[room.known[row, column] == 0] = paper.map_rgb(self._pygame.Color(_UNKNOWN))
-        pixels[room.squares[0, row, column] == 0] = paper.map_rgb(self._pygame.Color(_SOLID))
-
-    def _draw_what_moves(self, surface: Surface, scene: Scene, robot: State) -> None:
-        """Draw people, the newest scan, and tracks as the robot sees them, each with its way in a second."""
-        for x, y, radius, vx, vy in scene.room.circles[: scene.room.counts[0]].tolist():
-            if (vx, vy) != (0.0, 0.0):
-                self._disc(surface, BLUE, (x, y), radius)
-                self._lines(surface, BLUE, [(x, y), (x + vx, y + vy)], 2.5)
-        lidar, beams = self._p.room.lidar, self._p.room.lidar.beams
-        measured = zip(*scene.lidar.beams[:2, :beams].tolist(), scene.lidar.ranges[1, :beams].tolist(), strict=True)
-        ends = _placed(robot, [(lidar.x + length * a, lidar.y + length * b) for a, b, length in measured])
-        foot = _placed(robot, [(lidar.x, lidar.y)])[0]
-        for beam, end in enumerate(ends):
-            if math.isfinite(end[0]) and beam % -(-beams // _LINES) == 0:
-                self._lines(surface, _BEAM, [foot, end], 1.0)
-            if math.isfinite(end[0]):
-                self._dot(surface, PURPLE, end, 8.0)
+    def _what_moves(self, scene: Scene, robot: State) -> list[Artist]:
+        """Return people, the newest scan, and tracks as the robot sees them, each with its way in a second."""
+        moving: list[Artist] = []
+        for x, y, radius, vx, vy in scene.room.circles[: scene.room.counts[0]][self._walks(scene)].tolist():
+            moving += [Circle((x, y), radius, color=BLUE, linewidth=0), _line([(x, y), (x + vx, y + vy)], BLUE, 2.5)]
+        lidar = self._p.room.lidar
+        foot = np.array([lidar.x, lidar.y])
+        ends = foot + (scene.lidar.beams[:2, : lidar.beams] * scene.lidar.ranges[1, : lidar.beams]).T
+        measured = np.flatnonzero(np.isfinite(ends).all(1))
+        dots = _placed(robot, ends[measured])
+        beams = dots[measured % -(-lidar.beams // _LINES) == 0]
+        parts = np.stack([np.broadcast_to(_placed(robot, foot), beams.shape), beams, np.full_like(beams, np.nan)], axis=1)
+        moving += [_line(parts, _BEAM, 1.0), _dots(dots, PURPLE, 6.0)]
         tracks = [] if self._tracks is None else self._tracks.reshape(NEAREST, -1).tolist()
         for x, y, vx, vy, deviation, _, _, certainty in tracks:
             if certainty == 1.0:
-                foot, tip = _placed(robot, [(x, y), (x + vx, y + vy)])
-                # The deviation is that of both coordinates together.
-                self._disc(surface, VERMILLION, foot, SIGMAS * deviation / math.sqrt(2.0), 1.5)
-                self._lines(surface, VERMILLION, [foot, tip], 2.0)
+                way = _placed(robot, [(x, y), (x + vx, y + vy)])
+                radius = SIGMAS * deviation / math.sqrt(2.0)  # the deviation is that of both coordinates together
+                moving += [Circle(way[0], radius, fill=False, edgecolor=VERMILLION, linewidth=1.5), _line(way, VERMILLION, 2.0)]
+        return moving
 
-    def _draw_present(self, surface: Surface, world: Snapshot) -> None:
-        self._draw_waypoint(surface, world.course.reference, GREEN, 3.0)
-        truth, size = world.body.true_state, self._p.robot.radius
-        self._draw_robot(surface, truth, size)
-        measured = world.senses.odometry.pose
-        self._dot(surface, SKY_BLUE, measured[:2], 9.0)
-        self._heading(surface, SKY_BLUE, measured, size, 2.5)
-        mean, P = world.estimate.belief
-        self._lines(surface, VERMILLION, ellipse(mean, ((P.xx, P.xy), (P.xy, P.yy))).tolist(), 2.0)
-        self._heading(surface, VERMILLION, mean, size, 2.5)
-
-    def _draw_waypoint(self, surface: Surface, waypoint: Pose, color: str, width: float) -> None:
-        """Draw the circle of arrival and the heading, and as a sector the headings that count as right."""
-        radius, tolerance = self._p.task.radius, self._p.task.heading_tolerance
+    def _waypoint(self, waypoint: Pose, color: str, width: float) -> list[Artist]:
+        """Return the circle of arrival and the heading, and as a sector the headings that count as right."""
+        (x, y, theta), radius, tolerance = waypoint, self._p.task.radius, self._p.task.heading_tolerance
+        circle = Circle((x, y), radius, fill=False, edgecolor=color, linewidth=width)
+        parts: list[Artist] = [circle, _heading(waypoint, color, radius, width)]
         if tolerance < math.pi:
-            angles = np.linspace(-tolerance, tolerance, 17).tolist()
-            arc = [(3.0 * radius * math.cos(angle), 3.0 * radius * math.sin(angle)) for angle in angles]
-            self._polygon(surface, _PALE_GOAL, waypoint, [(0.0, 0.0), *arc])
-        self._disc(surface, color, waypoint[:2], radius, width)
-        self._heading(surface, color, waypoint, radius, width)
+            first, last = np.degrees((theta - tolerance, theta + tolerance))
+            parts.insert(0, Wedge((x, y), 3.0 * radius, first, last, facecolor=_PALE_GOAL))
+        return parts
 
-    def _draw_robot(self, surface: Surface, truth: State, size: float) -> None:
-        """Draw the robot from above: wheels, body and heading."""
+    @staticmethod
+    def _robot(truth: State, size: float) -> list[Artist]:
+        """Return the robot from above: body, wheels and heading."""
         beside, length, width = (size * share for share in _WHEEL)
-        self._disc(surface, _BODY, truth[:2], size)
-        self._disc(surface, BLACK, truth[:2], size, 2.0)
+        parts: list[Artist] = [Circle(truth[:2], size, facecolor=_BODY, edgecolor=BLACK, linewidth=2.0)]
         for side in (-beside, beside):
             corners = [(length, side + width), (-length, side + width), (-length, side - width), (length, side - width)]
-            self._polygon(surface, BLACK, truth, corners)
-        self._heading(surface, BLACK, truth, size, 3.0)
+            parts.append(Polygon(_placed(truth, corners), facecolor=BLACK, linewidth=0))
+        return [*parts, _heading(truth, BLACK, size, 3.0)]

@@ -192,6 +192,15 @@ def charted(scene: Scene, cut: int = 0) -> GridMap:
     return GridMap(cells=np.where(inside < 0.0, OCCUPIED, FREE).astype(np.int8), resolution=side, origin=corner)
 
 
+def grid_in(scene: Scene) -> GridMap | None:
+    """Return the map of a scene without its added border; None if there is none."""
+    if scene.room.squares.shape[1] == 0:
+        return None
+    cells = np.where(scene.room.squares[0] == 0, OCCUPIED, np.where(scene.room.known > 0, FREE, UNKNOWN))[1:-1, 1:-1]
+    x, y, cosine, sine, resolution = scene.room.frame.tolist()
+    return GridMap(cells=cells.astype(np.int8), resolution=resolution, origin=Pose(x, y, math.atan2(sine, cosine)))
+
+
 def grid_of(message: Any) -> GridMap:
     """Return the map of a ``nav_msgs/OccupancyGrid``; its resolution is the shortest decimal nearest to that of the message.
 

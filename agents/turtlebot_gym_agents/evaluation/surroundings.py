@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -10,12 +9,11 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from turtlebot_gym.drive import RoomData
-from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.rooms.grid import grid_in
 from turtlebot_gym.rooms.scan import obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.systems.scans import TrackedScene
-from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.policies.fit import parameters_of
 
 
@@ -37,23 +35,13 @@ def tracks_of(envs: VectorEnv) -> NDArray[np.float32] | None:
     return scenes.tracker.seen[0].copy() if isinstance(scenes, TrackedScene) else None
 
 
-def grid_of(scene: Scene | None) -> GridMap | None:
-    """Return the map of a scene without its added border; None if there is none."""
-    if scene is None or scene.room.squares.shape[1] == 0:
-        return None
-    inside = slice(1, -1), slice(1, -1)
-    cells = np.where(scene.room.squares[0] == 0, OCCUPIED, np.where(scene.room.known > 0, FREE, UNKNOWN))[inside]
-    x, y, cosine, sine, resolution = scene.room.frame.tolist()
-    return GridMap(cells=cells.astype(np.int8), resolution=resolution, origin=Pose(x, y, math.atan2(sine, cosine)))
-
-
 def room_of(envs: VectorEnv, label: str) -> RoomData:
     """Return what stays the same during the first robot's episode; its walkers stand where they are now."""
     p, scene = parameters_of(envs), scene_of(envs)
     return RoomData(
         label=label,
         room=None if scene is None else obstacles_of(scene),
-        grid=grid_of(scene),
+        grid=None if scene is None else grid_in(scene),
         robot_radius=p.robot.radius,
         goal_radius=p.task.radius,
     )
