@@ -134,7 +134,7 @@ TOPICS = {
 OTHER_TOPICS = {
     "cmd_vel_standby/alive": "Empty",
     "reset": "Empty",
-    "nis": "DiagnosticArray",
+    "nis": "Vector3Stamped",
     "next_reference": "PoseStamped",
     "initialpose": "PoseWithCovarianceStamped",
 }

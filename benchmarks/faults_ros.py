@@ -14,7 +14,7 @@ from typing import Any
 
 import rclpy.node
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.event_handler import PublisherEventCallbacks
@@ -25,7 +25,17 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Empty
 from std_srvs.srv import SetBool, Trigger
 
-_KINDS = (DiagnosticArray, PoseStamped, PoseWithCovarianceStamped, TwistStamped, Odometry, LaserScan, Bool, Empty)
+_KINDS = (
+    DiagnosticArray,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    TwistStamped,
+    Odometry,
+    LaserScan,
+    Bool,
+    Empty,
+    Vector3Stamped,
+)
 KINDS: dict[str, Any] = {kind.__name__: kind for kind in _KINDS}
 PATIENCE = 0.05
 """Time for which the thread waits for a message, s."""

@@ -163,8 +163,8 @@ READ = [
     (FIX, "pose.covariance.0", 0.0, "positive variances of x and y, got 0 and 0.02"),
     (FIX, "pose.covariance.35", 0.0, "the heading's variance"),
     (ODOMETRY, "pose.covariance.0", math.nan, "pose.covariance[0] is NaN: it states a variance, 0 if none is known"),
-    *((Nis(1.0), "status.0.values.0.value", text, "the NIS must be finite") for text in ("nan", "much")),
-    (Nis(1.0), "status.0.values", [], "one value named 'nis', and none twice"),
+    *((Nis(1.0), f"vector.{axis}", math.inf, "the NIS must be finite") for axis in "xyz"),
+    (Nis(1.0), "vector.x", math.nan, "the NIS must be finite"),
 ]
 
 

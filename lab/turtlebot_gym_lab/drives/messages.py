@@ -54,7 +54,7 @@ TYPES: dict[str, tuple[str, ...]] = {
     "twist": TWISTS,
     "estimate": (ODOMETRY,),
     "reference": ("geometry_msgs/msg/PoseStamped",),
-    "nis": ("diagnostic_msgs/msg/DiagnosticArray",),
+    "nis": ("geometry_msgs/msg/Vector3Stamped",),
     "clearance": ("sensor_msgs/msg/Range",),
     "scan": ("sensor_msgs/msg/LaserScan",),
     "imu": ("sensor_msgs/msg/Imu",),
@@ -90,10 +90,6 @@ def _covariance(message: Any) -> NDArray[np.float64]:
     return np.asarray(message.pose.covariance, np.float64).reshape(6, 6)[np.ix_((0, 1, 5), (0, 1, 5))]
 
 
-def _nis(message: Any) -> float:
-    return next((float(pair.value) for status in message.status for pair in status.values if pair.key == "nis"), math.nan)
-
-
 def _scan(message: Any) -> Scan:
     scan = scan_of(message)
     return read_scan(scan._replace(beam_period=max(float(scan.beam_period), 0.0)))
@@ -106,7 +102,7 @@ def _places(message: Any) -> NDArray[np.float64]:
 
 
 _READ: dict[str, Callable[[Any], Any]] = {
-    "nis": _nis,
+    "nis": lambda message: float(message.vector.x),
     "clearance": lambda message: message.range,
     "scan": _scan,
     "imu": lambda message: (message.angular_velocity.z,),

@@ -188,13 +188,13 @@ def test_without_rosbags_the_error_names_what_to_install(bag, monkeypatch):
 
 # A drive of this project's graph, by hand.
 
-NIS, RANGE, SCAN = "diagnostic_msgs/msg/DiagnosticArray", "sensor_msgs/msg/Range", "sensor_msgs/msg/LaserScan"
+NIS, REPORT = "geometry_msgs/msg/Vector3Stamped", "diagnostic_msgs/msg/DiagnosticArray"
+RANGE, SCAN = "sensor_msgs/msg/Range", "sensor_msgs/msg/LaserScan"
 MARKERS, CLOUD = "visualization_msgs/msg/MarkerArray", "sensor_msgs/msg/PointCloud2"
 
 
-def diagnostics(seconds, name, text, level=0, **values):
-    pairs = [make("diagnostic_msgs/msg/KeyValue", key, str(value)) for key, value in values.items()]
-    return make(NIS, header(seconds), [make("diagnostic_msgs/msg/DiagnosticStatus", level, name, text, "", pairs)])
+def diagnostics(seconds, name, text, level=0):
+    return make(REPORT, header(seconds), [make("diagnostic_msgs/msg/DiagnosticStatus", level, name, text, "", [])])
 
 
 def marker(kind, at, size, points=()):
@@ -245,7 +245,7 @@ def graph_drive():
     beams = make(SCAN, header(10.2, "laser"), 0.0, 4.712, 1.5708, 0.0, 0.0, 0.1, 3.5, ranges, np.zeros(0, np.float32))
     messages = [
         ("/obstacles", MARKERS, 11.0, room()),
-        ("/diagnostics", NIS, 11.15, diagnostics(500.0, "/cmd_vel_guard", "collision monitor: slow", 1)),
+        ("/diagnostics", REPORT, 11.15, diagnostics(500.0, "/cmd_vel_guard", "collision monitor: slow", 1)),
         ("/reference", POSE, 11.0, make(POSE, header(10.0), pose(2.0, 1.0, 0.5))),
         ("/scan", SCAN, 11.2, beams),
     ]
@@ -260,10 +260,10 @@ def graph_drive():
                 received,
                 odometry(at, (0.1 * k + 0.01, 0.0, 0.0), (0.2, 0.1), variances=(0.04, 0.09, 0.01)),
             ),
-            ("/nis", NIS, received, diagnostics(at, "innovation", "as expected", nis=1.5 + k)),
+            ("/nis", NIS, received, make(NIS, header(at), ros.vector(1.5 + k))),
             ("/clearance", RANGE, received, make(RANGE, header(at), 0, 6.28, -math.inf, math.inf, 0.5 - 0.125 * k, 0.0)),
             ("/tracks", CLOUD, received, tracks(at, np.full((5, 8), 0.125 * k))),
-            ("/diagnostics", NIS, received, diagnostics(500.0, "/kalman_filter", "not the guard", 2)),
+            ("/diagnostics", REPORT, received, diagnostics(500.0, "/kalman_filter", "not the guard", 2)),
         ]
     messages += [("/odom", ODOMETRY, 11.41, odometry(10.4, (0.43, 0.0, 0.0), (0.2, 0.1)))]  # sent again, as in lock-step
     return sorted(messages, key=lambda message: message[2])

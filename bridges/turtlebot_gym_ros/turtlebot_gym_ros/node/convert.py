@@ -12,9 +12,8 @@ Headings survive the conversion to a quaternion bit-exactly, see `geometry.half_
 Covariances are row-major 6 x 6, in the order x y z roll pitch yaw. Quantities that a planar robot does not know, height, roll,
 pitch and sideways speed, have the variance -1 by the same convention; RViz then draws an ellipse instead of an ellipsoid. An
 `Odometry` message has no field for the normalized innovation squared, which a policy observes, so an estimate read from a
-message has the value 0 for it, and it has a topic of its own, ``nis``. The common packages have no message for a stamped
-number: it is sent as a diagnostic, though not on ``/diagnostics``. Its values are decimals that read back to
-the same number.
+message has the value 0 for it, and it has a topic of its own, ``nis``: x is the number, y and z are what a localizer says
+besides, or NaN. The common packages have no message for a stamped number.
 """
 
 from __future__ import annotations
@@ -23,13 +22,12 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped, Vector3, Vector3Stamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Empty, Header, String
 
 from turtlebot_gym import values
-from turtlebot_gym.config import LARGEST, short_repr
+from turtlebot_gym.config import LARGEST
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
@@ -49,9 +47,6 @@ from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
 # Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
 _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (14, 21, 28), (7, 14, 21, 28)
-_NIS = ("nis", "fits", "weight")
-SURPRISING = 16.27
-"""NIS that one measurement in a thousand exceeds for a consistent filter (chi-square, 3 degrees of freedom)."""
 NO_TF = "publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or take ROS from RoboStack with pixi."
 """Refusal of a node that would publish on ``/tf``."""
 
@@ -166,31 +161,17 @@ def _command_to_message(command: Command, header: Header) -> Twist:
     return message
 
 
-def _nis_of(message: DiagnosticArray) -> Nis:
-    pairs = [pair for status in message.status for pair in status.values if pair.key in _NIS]
-    texts = {pair.key: pair.value for pair in pairs}
-    if _NIS[0] not in texts or len(texts) < len(pairs):
-        raise ValueError(f"it must have one value named {_NIS[0]!r}, and none twice, got {[pair.key for pair in pairs][:9]}")
-    try:
-        numbers = {name: float(text) for name, text in texts.items()}
-        finite("the NIS", numbers.values())
-    except ValueError as error:
-        raise ValueError(f"the NIS must be finite numbers: {short_repr(str(error))}") from None
-    return Nis(*map(numbers.get, _NIS))  # type: ignore[arg-type]
+def _nis_of(message: Vector3Stamped) -> Nis:
+    said = message.vector
+    fits, weight = (None if math.isnan(number) else number for number in (said.y, said.z))
+    finite("the NIS", [number for number in (said.x, fits, weight) if number is not None])
+    return Nis(said.x, fits, weight)
 
 
-def _nis_to_message(nis: Nis, header: Header) -> DiagnosticArray:
-    numbers = {name: float(number) for name, number in zip(_NIS, nis, strict=True) if number is not None}
-    finite("the NIS", numbers.values())
-    surprising = numbers[_NIS[0]] > SURPRISING
-    status = DiagnosticStatus(
-        level=DiagnosticStatus.WARN if surprising else DiagnosticStatus.OK,
-        name="innovation",
-        message=f"above {SURPRISING}, as one in a thousand is" if surprising else "as expected",
-        hardware_id=header.frame_id,
-        values=[KeyValue(key=name, value=repr(number)) for name, number in numbers.items()],
-    )
-    return DiagnosticArray(header=header, status=[status])
+def _nis_to_message(nis: Nis, header: Header) -> Vector3Stamped:
+    finite("the NIS", [number for number in nis if number is not None])
+    x, y, z = (math.nan if number is None else float(number) for number in nis)
+    return Vector3Stamped(header=header, vector=Vector3(x=x, y=y, z=z))
 
 
 _UNSTAMPED = Conversion(Twist, read_twist, _command_to_message, False)
@@ -203,7 +184,7 @@ register(Estimate, Odometry, _estimate_of, _estimate_to_message, in_world=True)
 register(Fix, PoseWithCovarianceStamped, fix_of, fix_to_message, in_world=True)
 register(InitialPose, PoseWithCovarianceStamped, initial_pose_of, fix_to_message, in_world=True)
 register(Located, PoseWithCovarianceStamped, unread, located_to_message, in_world=True)
-register(Nis, DiagnosticArray, _nis_of, _nis_to_message)
+register(Nis, Vector3Stamped, _nis_of, _nis_to_message)
 register(
     Disagreement,
     String,
