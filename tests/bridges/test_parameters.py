@@ -87,7 +87,7 @@ def test_every_parameter_is_described_with_its_rule_and_read_only(node_with, nam
     ("argv", "said"),
     [
         (["flight_controller"], "there is no node 'flight_controller'"),
-        (["velocity_controller", "--ros-args", "-p", "polcy:=bearing"], "did you mean policy?"),
+        (["velocity_controller", "--ros-args", "-p", "polcy:=bearing"], "Did you mean 'policy'?"),
         (["turtlebot_simulator", "--ros-args", "-p", "speed:=0"], "speed must be 1"),
         (["simulated_teleop", "--ros-args", "-p", "lock_step:=true"], "lock_step must be false"),
         (["kalman_filter", "--ros-args", "-p", "lock_step:=true", "-p", "twist:=commanded"], "lock_step must be false"),

@@ -14,12 +14,12 @@ from rclpy.parameter import Parameter
 
 from cmd_vel_guard import parameters
 from cmd_vel_guard.arbiter import Arbiter
-from cmd_vel_guard.checks import Range, rules
 from cmd_vel_guard.collision import Footprint
 from cmd_vel_guard.declare import declare
 from cmd_vel_guard.explain import descriptions
 from cmd_vel_guard.standby import CmdVelStandby
 from cmd_vel_guard.values import Mount
+from turtlebot_gym.config import Range, rules
 from turtlebot_gym.robots import ROBOTS, LidarMount
 
 KIND = parameters.Parameters
@@ -73,7 +73,7 @@ def test_parameters_are_declared_with_their_rules_and_read_only(make_node):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"rat": 50.0}, "declared has no parameter 'rat': did you mean rate?"),
+        ({"rat": 50.0}, "declared has no parameter 'rat'. Did you mean 'rate'?"),
         ({"rate": "fast"}, "rate must be of type float, got 'fast' (str)."),
         ({"rate": True}, "rate must be of type float, got True (bool)."),
         ({"max_age": 0.6}, "max_age must be a number above 0 and at most 0.5 s, got 0.6."),

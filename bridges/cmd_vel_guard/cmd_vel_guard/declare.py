@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import MISSING, fields
-from difflib import get_close_matches
 from typing import Any, get_type_hints
 
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from cmd_vel_guard.checks import rules
 from cmd_vel_guard.explain import descriptions
+from turtlebot_gym.config import did_you_mean, rules
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
@@ -39,9 +38,8 @@ def declare(node: Node, *kinds: type) -> tuple[Any, ...]:
         if name in values:
             values[name] = _converted(name, parameter.value, types[name])
         elif not name.startswith(_ROS_OWN):
-            close = get_close_matches(name, values, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(sorted(values))}."
-            raise ValueError(f"{node.get_name()} has no parameter {name!r}: {hint}")
+            hint = did_you_mean(name, values) or f" There are {', '.join(sorted(values))}."
+            raise ValueError(f"{node.get_name()} has no parameter {name!r}.{hint}")
     made = tuple(kind(**{item.name: values[item.name] for item in fields(kind)}) for kind in kinds)
     for name, value in values.items():
         if name in given:

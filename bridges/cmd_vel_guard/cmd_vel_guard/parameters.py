@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
-from cmd_vel_guard.checks import Names, Range, check
 from cmd_vel_guard.collision import Footprint, Limits
 from cmd_vel_guard.monitor import Monitor, Timing
 from cmd_vel_guard.values import Mount, Pose
+from turtlebot_gym.config import Names, Range, check_fields
 
 SPEED = Range(0.0, 100.0)
 PLACE = Range(-1.0, 1.0, unit="m")
@@ -103,7 +103,7 @@ class Parameters:
     """Frame of the scans, without a prefix; scans of other frames are refused."""
 
     def __post_init__(self) -> None:
-        check(self)
+        check_fields(self, "")
         for name in ("max_linear", "max_angular", "wheel_separation", *(["radius"] if self.monitors else [])):
             if getattr(self, name) == 0.0:
                 without = ", unless collision_monitor is false" if name == "radius" else ""

@@ -33,13 +33,13 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Empty
 
-from cmd_vel_guard.checks import check
 from cmd_vel_guard.declare import declare
 from cmd_vel_guard.executor import PolledGroup, waiting
 from cmd_vel_guard.process import precede, run
 from cmd_vel_guard.qos import STREAM
 from cmd_vel_guard.reports import ERROR, log
 from cmd_vel_guard.session import leave
+from turtlebot_gym.config import check_fields
 
 SILENCE = 0.18
 """Silence of a guard that moves the robot after which zeros follow, s: three of its repetitions."""
@@ -63,7 +63,7 @@ class Parameters:
     """Whether velocities are TwistStamped, as on a Jazzy robot; Twist if false. As in the guard."""
 
     def __post_init__(self) -> None:
-        check(self)
+        check_fields(self, "")
 
 
 class Standby:
