@@ -46,9 +46,9 @@ NODES = {
 }
 TOOLS = {
     "topics": Entry("tools.topics:topics", "lists topics and who is at them, or prints the messages of one"),
-    "button": Entry("tools.topics:button", "is an emergency stop: Ctrl-C stops the robot"),
-    "enable": Entry("tools.enable:enable", "enables nodes, or disables them"),
-    "goal": Entry("tools.goal:goal", "sends the robot to a place"),
+    "button": Entry("tools.telling:button", "is an emergency stop: Ctrl-C stops the robot"),
+    "enable": Entry("tools.telling:enable", "enables nodes, or disables them"),
+    "goal": Entry("tools.telling:goal", "sends the robot to a place"),
     "foxglove": Entry("tools.foxglove:foxglove", "serves the live graph to Foxglove"),
 }
 """What ros2cli does on a ROS installation."""

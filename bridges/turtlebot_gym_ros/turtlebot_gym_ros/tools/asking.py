@@ -19,8 +19,6 @@ from turtlebot_gym_ros.base.process import be_interruptible, go_on
 T = TypeVar("T")
 WAIT = 5.0
 """How long a command waits for the graph by default, s."""
-SETTLED = 1.5
-"""Time without anything new after which a command takes the graph as known, s."""
 
 
 def parser_of(name: str, description: str) -> argparse.ArgumentParser:
@@ -76,22 +74,3 @@ def remark_if_alone(node: Node) -> str:
     domain, reach = node.context.get_domain_id(), os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     where = f"ROS_DOMAIN_ID {domain}, ROS_AUTOMATIC_DISCOVERY_RANGE {reach}"
     return f" No node is heard at all ({where}): does the graph run, with the same values?"
-
-
-def settle(node: Node, seconds: float) -> None:
-    """Wait until a node has discovered others, and does not discover more, at most some seconds."""
-    end, known, since = time.monotonic() + seconds, 0, time.monotonic()
-    while time.monotonic() < (end if remark_if_alone(node) else min(end, since + SETTLED)):
-        go_on()
-        names = [name for name, _ in node.get_topic_names_and_types()]
-        size = sum(node.count_publishers(name) + node.count_subscribers(name) for name in names)
-        size += len(node.get_service_names_and_types())
-        if size != known:
-            known, since = size, time.monotonic()
-        time.sleep(0.05)
-
-
-def result_of(future: Any, name: str, seconds: float) -> Any:
-    """Return the result of a future; raise `TimeoutError` if what has the name has not answered by then."""
-    until(lambda: future.done() or None, seconds, lambda: f"{name} has not answered for {seconds:g} s.")
-    return future.result()

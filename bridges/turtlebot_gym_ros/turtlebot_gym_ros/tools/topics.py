@@ -1,24 +1,22 @@
-"""``topics`` and ``button``: what is on the graph's topics, and an emergency stop."""
+"""``topics``: what is on the graph's topics."""
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
-from std_msgs.msg import Bool
 
-from cmd_vel_guard.qos import LATCHED, STREAM
+from cmd_vel_guard.qos import LATCHED
 from cmd_vel_guard.sources import node_name
 from turtlebot_gym_ros.base.names import absolute, message_type
 from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.base.qos import SENSOR
-from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, settle, until
+from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, until
 
-BUTTON_PERIOD = 0.1
-"""Time between two messages of `button`, s; as a radio needs it."""
+SETTLED = 1.5
+"""Time without anything new after which the graph counts as known, s."""
 
 
 @answered
@@ -34,7 +32,7 @@ def topics(argv: Any = None) -> int:
     with asking() as node:
         if options.echo or options.once:
             return _echo(node, absolute(options.topic, "topic"), options.wait, once=options.once)
-        settle(node, options.wait)
+        _settle(node, options.wait)
         if remark := remark_if_alone(node):
             raise TimeoutError(f"there are no topics.{remark}")
         for name, types in sorted(node.get_topic_names_and_types()):
@@ -76,18 +74,14 @@ def _echo(node: Node, topic: str, seconds: float, *, once: bool) -> int:
     return 0
 
 
-@answered
-def button(argv: Any = None) -> int:
-    """Say that an emergency stop is not pressed, again and again; the end of it is a stop."""
-    parser = parser_of("button", "Be an emergency stop that is not pressed. Ctrl-C ends it, which stops the robot.")
-    parser.add_argument("topic", nargs="?", default="emergency_stop", help="(default: emergency_stop)")
-    options = parser.parse_args(argv)
-    with asking() as node:
-        publisher = node.create_publisher(Bool, absolute(options.topic, "topic"), STREAM)
-        print(f"publishes on {publisher.topic_name}; Ctrl-C stops the robot", file=sys.stderr, flush=True)
-        due = time.monotonic()
-        while True:
-            go_on()
-            publisher.publish(Bool(data=False))
-            due += BUTTON_PERIOD
-            time.sleep(max(due - time.monotonic(), 0.0))
+def _settle(node: Node, seconds: float) -> None:
+    """Wait until a node has discovered others, and does not discover more, at most some seconds."""
+    end, known, since = time.monotonic() + seconds, 0, time.monotonic()
+    while time.monotonic() < (end if remark_if_alone(node) else min(end, since + SETTLED)):
+        go_on()
+        names = [name for name, _ in node.get_topic_names_and_types()]
+        size = sum(node.count_publishers(name) + node.count_subscribers(name) for name in names)
+        size += len(node.get_service_names_and_types())
+        if size != known:
+            known, since = size, time.monotonic()
+        time.sleep(0.05)
