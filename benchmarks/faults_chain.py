@@ -67,7 +67,8 @@ class Chain:
         values = [word for key, value in {**CHAIN[name], **without, **parameters}.items() for word in ("-p", f"{key}:={value}")]
         remapped = ["-r", "cmd_vel:=cmd_vel_in"] if name == CONTROLLER else []
         common = ["--ros-args", "--params-file", str(CONFIG), "--log-level", "fatal"]
-        return [sys.executable, "-m", "turtlebot_gym_ros", name, *common, *values, *remapped, *words]
+        package = "cmd_vel_guard" if name in (GUARD, STANDBY) else "turtlebot_gym_ros"
+        return [sys.executable, "-m", package, name, *common, *values, *remapped, *words]
 
     @contextmanager
     def terminal(self) -> Iterator[Terminal]:

@@ -10,7 +10,6 @@ from setuptools import find_packages, setup
 NAME = "turtlebot_gym_ros"
 HERE = Path(__file__).parent
 LISTED = runpy.run_path(str(HERE / NAME / "nodes.py"))  # plain data, read without its imports
-PROGRAMS = [name for name, entry in LISTED["NODES"].items() if not entry.guards]
 
 setup(
     name=NAME,
@@ -29,5 +28,5 @@ setup(
     ],
     install_requires=["setuptools"],
     zip_safe=False,
-    entry_points={"console_scripts": [f"{node} = {NAME}.__main__:run_as_program" for node in PROGRAMS]},
+    entry_points={"console_scripts": [f"{node} = {NAME}.__main__:run_as_program" for node in LISTED["NODES"]]},
 )

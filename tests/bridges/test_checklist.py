@@ -24,6 +24,7 @@ WORDS = {
     "cmd_vel_guard": ["-p", "collision_monitor:=false"],  # on open ground nothing is scanned
     "velocity_controller": ["-r", "cmd_vel:=cmd_vel_in"],
 }
+GUARDS = ("cmd_vel_guard", "cmd_vel_standby")
 LOOP = ("kalman_filter", "waypoint_generator", "velocity_controller")
 
 
@@ -40,7 +41,9 @@ class Robot:
         self.nodes[name] = self.tool(name, "--ros-args", *given, *WORDS.get(name, []))
 
     def tool(self, *words):
-        return self._launch("-m", "turtlebot_gym_ros", *words, ROS_DOMAIN_ID=self._domain)
+        return self._launch(
+            "-m", "cmd_vel_guard" if words[0] in GUARDS else "turtlebot_gym_ros", *words, ROS_DOMAIN_ID=self._domain
+        )
 
     def ask(self, *words):
         """Run a tool, and return its exit code and what it says."""

@@ -55,7 +55,7 @@ def test_a_launch_file_starts_nodes_and_parameters_that_exist_again_and_again(la
         assert node.get("respawn") == (None if name == "rviz2" else "true")
         if name == "rviz2":
             continue
-        assert node.get("pkg") == ("cmd_vel_guard" if NODES[name].guards else "turtlebot_gym_ros")
+        assert node.get("pkg") == ("turtlebot_gym_ros" if name in NODES else "cmd_vel_guard")
         assert node.get("exec") == name
         given = {param.get("name") for param in node.findall("param")} - {None, "use_sim_time"}
         assert given <= parameters_of(name), name
@@ -98,9 +98,7 @@ def test_colcon_builds_the_package(tmp_path):
     share = prefix / "share" / "turtlebot_gym_ros"
     for path in (CONFIG, *LAUNCHES, RVIZ, *sorted((PACKAGE / "layouts").iterdir()), PACKAGE / "package.xml"):
         assert (share / path.relative_to(PACKAGE)).read_bytes() == path.read_bytes()
-    assert {path.name for path in (prefix / "lib" / "turtlebot_gym_ros").iterdir()} == {
-        name for name, entry in NODES.items() if not entry.guards
-    }
+    assert {path.name for path in (prefix / "lib" / "turtlebot_gym_ros").iterdir()} == NODES.keys()
     (library,) = prefix.glob("lib/python*/site-packages")
     installed = files_of(library / "turtlebot_gym_ros")
     assert {path.relative_to(library) for path in installed} == {path.relative_to(PACKAGE) for path in files_of(SOURCES)}

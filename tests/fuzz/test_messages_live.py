@@ -60,7 +60,8 @@ def test_no_node_ends(tmp_path):
         return message
 
     for name, given in NODES.items():
-        command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *given.split(), "-r", f"__ns:=/{name}"]
+        package = "cmd_vel_guard" if name.startswith("cmd_vel") else "turtlebot_gym_ros"
+        command = [sys.executable, "-m", package, name, "--ros-args", *given.split(), "-r", f"__ns:=/{name}"]
         with (tmp_path / f"{name}.log").open("w") as log:
             processes[name] = subprocess.Popen(command, cwd=tmp_path, stdout=log, stderr=subprocess.STDOUT)
     runner.start()

@@ -21,7 +21,8 @@ HELP = """usage: python -m turtlebot_gym_ros NODE [NODE ...] [--ros-args -p NAME
 
 {nodes}
 
-Several nodes run in one process; -p NODE:NAME:=VALUE and -r NODE:FROM:=TO are for one of them. The guard runs apart.
+Several nodes run in one process; -p NODE:NAME:=VALUE and -r NODE:FROM:=TO are for one of them.
+The guard runs apart, python -m cmd_vel_guard NODE.
 
 without ros2cli, TOOL [--help]:
 
@@ -58,7 +59,7 @@ def _run(argv: Sequence[str] | None) -> int:
         return 0
     names = [name, *takewhile(NODES.__contains__, rest if name in EXPLAINED else [])]
     try:
-        guards = entry_of(name).guards
+        entry_of(name)
         for at, each in enumerate(names if len(names) > 1 else []):
             if each not in BLOCKS:
                 raise ValueError(f"{each} runs in a process of its own: start it apart.")
@@ -67,7 +68,7 @@ def _run(argv: Sequence[str] | None) -> int:
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    prepare(local=not guards)  # what runs on the robot serves the network
+    prepare()
     try:
         if name in EXPLAINED and {"-h", "--help"} & {*rest}:
             print("\n\n".join(map(_explained, names)))
@@ -93,12 +94,12 @@ def _run(argv: Sequence[str] | None) -> int:
 
 def _explained(name: str) -> str:
     made, program = load(name), f"python -m turtlebot_gym_ros {name}"
-    if name in BLOCKS:
-        from turtlebot_gym_ros.base.frames import Common
+    if name not in BLOCKS:
+        module = import_module(made.__module__)
+        return explain(program, module.__doc__, module.Parameters)
+    from turtlebot_gym_ros.base.frames import Common
 
-        return explain(program, made.__doc__, Common, made.Params)
-    module = import_module(made.__module__)
-    return explain(program, module.__doc__, module.Parameters)
+    return explain(program, made.__doc__, Common, made.Params)
 
 
 def end_quietly() -> None:

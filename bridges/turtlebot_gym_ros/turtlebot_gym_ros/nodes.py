@@ -14,14 +14,9 @@ class Entry(NamedTuple):
     """A node or a tool."""
 
     target: str
-    """Its block, or the function that runs it: "module:name", of this package unless it is the guard's."""
+    """Its block, or the function that runs it: "module:name", of this package."""
     summary: str
     """One line of help."""
-
-    @property
-    def guards(self) -> bool:
-        """Whether it is a node of ``cmd_vel_guard``, which runs on the robot itself."""
-        return self.target.startswith("cmd_vel_guard.")
 
 
 NODES = {
@@ -41,8 +36,6 @@ NODES = {
     "data_logger": Entry("recording.logger:main", "records every message to a bag"),
     "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
     "status": Entry("graph.status:main", "prints which node waits for what"),
-    "cmd_vel_guard": Entry("cmd_vel_guard.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops"),
-    "cmd_vel_standby": Entry("cmd_vel_guard.standby:main", "on the robot: sends zeros if the guard dies while it drives"),
 }
 TOOLS = {
     "topics": Entry("tools.topics:topics", "lists topics and who is at them, or prints the messages of one"),
@@ -59,7 +52,7 @@ MODES = {
 """The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""
 BLOCKS = tuple(name for name, entry in NODES.items() if entry.target.startswith("blocks."))
 """The nodes that are blocks in the shell rather than separate programs."""
-EXPLAINED = (*BLOCKS, "data_logger", *(name for name, entry in NODES.items() if entry.guards))
+EXPLAINED = (*BLOCKS, "data_logger")
 """The nodes that take ROS arguments; all others, and the tools, parse options of their own."""
 
 
@@ -75,6 +68,5 @@ def entry_of(name: str) -> Entry:
 
 def load(name: str) -> Any:
     """Return the code of a node or a tool: the class of its block, or a function of arguments; see `entry_of`."""
-    entry = entry_of(name)
-    module, _, attribute = entry.target.partition(":")
-    return getattr(import_module(module if entry.guards else f"turtlebot_gym_ros.{module}"), attribute)
+    module, _, attribute = entry_of(name).target.partition(":")
+    return getattr(import_module(f"turtlebot_gym_ros.{module}"), attribute)

@@ -75,7 +75,7 @@ class Reporter:
             effect = "refused until there is one" if mine.sole else "which of them counts is undefined"
             yield NodeProblem(ERROR if mine.sole else WARN, f"{mine.topic}: {' and '.join(names)} publish it: {effect}.")
         if self._plant and not mine.publishes and mine.message in _VELOCITIES:
-            ours = {me, *(f"{me.rpartition('/')[0]}/{name}" for name in NODES)}
+            ours = {me, *(f"{me.rpartition('/')[0]}/{name}" for name in (*NODES, "cmd_vel_standby"))}
             if strangers := sorted({node_name(other) for other in listeners} - ours):
                 text = f"{mine.topic}: {', '.join(strangers)} obeys the same commands as this simulation. Is it a real robot?"
                 yield NodeProblem(WARN, text)
