@@ -19,21 +19,14 @@ _interrupted = Event()
 
 
 def be_interruptible() -> None:
-    """Let signals that end a process raise KeyboardInterrupt, and note it: one that is raised within a destructor is lost."""
-    shown = sys.unraisablehook
-
-    def interrupt(*_: object) -> None:
-        _interrupted.set()
-        raise KeyboardInterrupt
-
+    """Only note signals that end a process: a KeyboardInterrupt is lost in a destructor, and confuses an import."""
     _interrupted.clear()
-    sys.unraisablehook = lambda lost: None if lost.exc_type is KeyboardInterrupt else shown(lost)
     for ending in filter(counts, ENDINGS):
-        signal.signal(ending, interrupt)
+        signal.signal(ending, lambda *_: _interrupted.set())
 
 
 def go_on() -> None:
-    """Raise KeyboardInterrupt if it was noted: call it before motions, and again and again in a wait that may be long."""
+    """Raise KeyboardInterrupt if a signal was noted: call it before motions, and again and again in a wait."""
     if _interrupted.is_set():
         raise KeyboardInterrupt
 

@@ -28,7 +28,7 @@ from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.tasks import ROOM, SQUARE, arrived
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
-from turtlebot_gym_ros.base.process import be_interruptible, go_on
+from turtlebot_gym_ros.base.process import be_interruptible
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.graph.graph import PATIENCE, Graph
 from turtlebot_gym_ros.nodes import MODES
@@ -155,7 +155,6 @@ def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, repo
         if not code and not _was_driven(trajectory):
             raise RuntimeError(NOTHING)
     except (ValueError, RuntimeError, OSError, ImportError) as error:
-        go_on()  # an interrupted import may raise another error
         return refuse(error)
     if _was_driven(trajectory):
         _tell(trajectory, latest, chosen, figure, report)
