@@ -26,10 +26,9 @@ from typing import Any
 
 import tyro
 
-from faults_buttons import BUTTONS, FLOODS
 from faults_chain import CHAIN
 from faults_lies import LIARS
-from faults_odometry import MEASUREMENTS
+from faults_messages import BUTTONS, FLOODS, MEASUREMENTS
 from faults_processes import ENDS, MOTIONS, PROCESSES
 from faults_robot import Fault, Robot, Unseen
 from faults_walls import WALLS

@@ -16,8 +16,8 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from itertools import pairwise
 from pathlib import Path
+from typing import IO
 
 CONFIG = Path(__file__).parents[1] / "bridges" / "turtlebot_gym_ros" / "config" / "robot.yaml"
 GUARD, STANDBY, FILTER, CONTROLLER = "cmd_vel_guard", "cmd_vel_standby", "kalman_filter", "velocity_controller"
@@ -71,18 +71,24 @@ class Chain:
         return [sys.executable, "-m", package, name, *common, *values, *remapped, *words]
 
     @contextmanager
-    def terminal(self) -> Iterator[Terminal]:
-        """Start guard and standby again in a terminal, as one job of its shell."""
+    def terminal(self) -> Iterator[IO[bytes]]:
+        """Start guard and standby again in a terminal, as one job of its shell, and yield its keyboard, which closes it."""
         for name in (GUARD, STANDBY):
             self.end(name)
             self._ended.discard(name)
             self._changed.add(name)
-        terminal = Terminal([self._command(name) for name in (GUARD, STANDBY)], self.folder, self._environment)
-        self._children.append(terminal.shell)
+        jobs = " & ".join(f"{shlex.join(self._command(name))} >>terminal.log 2>&1" for name in (GUARD, STANDBY))
+        # With job control the job has a process group of its own, which the keyboard's signals reach; without it a session's
+        # only group is an orphan, which cannot be suspended. Under nohup all of them would ignore hang-ups.
+        program = ["setsid", "--ctty", "env", "--default-signal", "bash", "-m", "-c", f"({jobs} & wait); sleep 1000"]
+        master, screen = pty.openpty()
+        ends = {"stdin": screen, "stdout": screen, "stderr": screen}
+        self._children.append(subprocess.Popen(program, cwd=self.folder, env=self._environment, **ends))
+        os.close(screen)
         try:
-            yield terminal
+            with open(master, "wb", buffering=0) as keyboard:
+                yield keyboard
         finally:
-            terminal.close()
             for name in (GUARD, STANDBY):
                 self.kill(name)
 
@@ -95,7 +101,7 @@ class Chain:
             with suppress(OSError, ValueError):
                 pid = int(path.name)
                 words = (path / "cmdline").read_bytes().split(b"\0")
-                is_it = not name or (b"turtlebot_gym_ros", name.encode()) in pairwise(words)
+                is_it = not name or words[3:4] == [name.encode()]  # of python -m PACKAGE NAME
                 if is_it and mark in (path / "environ").read_bytes().split(b"\0"):
                     found.append(pid)
         return found
@@ -160,28 +166,3 @@ class Chain:
         for child in self._children:
             child.wait()
         self._folder.cleanup()
-
-
-class Terminal:
-    """A terminal, and a shell in it whose job in the foreground is some commands."""
-
-    def __init__(self, commands: list[list[str]], folder: Path, environment: dict[str, str]) -> None:
-        self._keyboard, screen = pty.openpty()
-        jobs = " & ".join(f"{shlex.join(command)} >>terminal.log 2>&1" for command in commands)
-        # With job control the job has a process group of its own, which the keyboard's signals reach; without it a session's
-        # only group is an orphan, which cannot be suspended. Under nohup all of them would ignore hang-ups.
-        script = f"({jobs} & wait); sleep 1000"
-        program = ["setsid", "--ctty", "env", "--default-signal", "bash", "-m", "-c", script]
-        ends = {"stdin": screen, "stdout": screen, "stderr": screen}
-        self.shell = subprocess.Popen(program, cwd=folder, env=environment, **ends)
-        os.close(screen)
-
-    def press(self, key: str) -> None:
-        """Press Ctrl and a key."""
-        os.write(self._keyboard, bytes([ord(key) & 31]))
-
-    def close(self) -> None:
-        """Close the window."""
-        if self._keyboard >= 0:
-            os.close(self._keyboard)
-            self._keyboard = -1

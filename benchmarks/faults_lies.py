@@ -27,93 +27,93 @@ Maker = Callable[[random.Random], Lie]
 """Makes a new lie, and chooses among the members of its class."""
 
 
-def drawn(draw: Callable[[random.Random], Any], say: Callable[[list[Said], Any], Said]) -> Maker:
-    """Return the maker of a lie that depends on something drawn."""
+def lie(change: Callable[[Said, list[Said], Any], dict[str, Any]], draw: Callable[[random.Random], Any] | None = None) -> Maker:
+    """Return the maker of a lie that changes fields of a message, by all that was true since it began, and what is drawn."""
 
     def make(rng: random.Random) -> Lie:
-        chosen = draw(rng)
-        return lambda true: say(true, chosen)
+        chosen = draw(rng) if draw else None
+        return lambda true: true[-1]._replace(**change(true[-1], true, chosen))
 
     return make
 
 
-def changed(change: Callable[[Said], dict[str, Any]]) -> Maker:
-    """Return the maker of a lie that changes each message in the same way."""
-    return lambda rng: lambda true: true[-1]._replace(**change(true[-1]))
-
-
 def frozen(*names: str) -> Maker:
     """Return the maker of a lie in which fields keep their first values, to the bit or with a noise of 0.1 mm and mrad."""
-    return drawn(
+    return lie(
+        lambda said, true, noise: {name: getattr(true[0], name) + random.gauss(0.0, noise) for name in names},
         lambda rng: rng.choice([0.0, 1e-4]),
-        lambda true, noise: true[-1]._replace(**{name: getattr(true[0], name) + random.gauss(0.0, noise) for name in names}),
     )
 
 
-def by_factor(draw: Callable[[random.Random], tuple[float, tuple[str, ...]]]) -> Maker:
+def scaled(draw: Callable[[random.Random], tuple[float, tuple[str, ...]]]) -> Maker:
     """Return the maker of a lie in which some fields are multiplied."""
-    return drawn(draw, lambda true, of: true[-1]._replace(**{name: of[0] * getattr(true[-1], name) for name in of[1]}))
+    return lie(lambda said, true, of: {name: of[0] * getattr(said, name) for name in of[1]}, draw)
 
 
-def leaps(rng: random.Random) -> tuple[float, float]:
+def leap(rng: random.Random) -> tuple[float, float]:
     """Draw a leap of 0.1 to 3 m, as when an odometry far from its start is reset."""
     distance, direction = rng.choice([0.1, 0.2, 0.35, 0.5, 0.8, 1.25, 2.0, 3.0]), rng.uniform(-math.pi, math.pi)
     return distance * math.cos(direction), distance * math.sin(direction)
 
 
 LENGTHS = ("x", "y", "v")
+ANGULAR = [("theta",), ("omega",), ("theta", "omega")]
 FROM_THEN_ON: dict[str, Maker] = {
     "pose frozen": frozen("x", "y", "theta"),
     "twist frozen": frozen("v", "omega"),
     "pose and twist frozen": frozen("x", "y", "theta", "v", "omega"),
     "position frozen": frozen("x", "y"),
     "heading frozen": frozen("theta"),
-    "twist zero": changed(lambda said: {"v": 0.0, "omega": 0.0}),
-    "pose zero": changed(lambda said: {"x": 0.0, "y": 0.0, "theta": 0.0}),
-    "odometry reset": drawn(leaps, lambda true, by: true[-1]._replace(x=true[-1].x + by[0], y=true[-1].y + by[1])),
-    "heading leaps": drawn(
-        lambda rng: rng.choice([-1.0, 1.0]) * rng.uniform(0.4, math.pi),
-        lambda true, turn: true[-1]._replace(theta=true[-1].theta + turn),
+    "twist zero": lie(lambda said, *_: {"v": 0.0, "omega": 0.0}),
+    "pose zero": lie(lambda said, *_: {"x": 0.0, "y": 0.0, "theta": 0.0}),
+    "odometry reset": lie(lambda said, true, by: {"x": said.x + by[0], "y": said.y + by[1]}, leap),
+    "heading leaps": lie(
+        lambda said, true, turn: {"theta": said.theta + turn}, lambda rng: rng.choice([-1.0, 1.0]) * rng.uniform(0.4, math.pi)
     ),
-    "old odometry with fresh stamps": drawn(  # the last second or two again and again
-        lambda rng: rng.randrange(20, 40), lambda true, length: true[(len(true) - 1) % length]
+    "old odometry with fresh stamps": lie(  # the last second or two again and again
+        lambda said, true, length: true[(len(true) - 1) % length]._asdict(), lambda rng: rng.randrange(20, 40)
     ),
-    "odometry of another frame": drawn(
-        lambda rng: rng.choice(["map", "", "robot2/odom"]), lambda true, frame: true[-1]._replace(frame=frame)
+    "odometry of another frame": lie(
+        lambda said, true, frame: {"frame": frame}, lambda rng: rng.choice(["map", "", "robot2/odom"])
     ),
-    "odometry of two robots by one node": drawn(  # in turn
-        lambda rng: rng.uniform(0.3, 2.0), lambda true, away: true[-1]._replace(y=true[-1].y + away * (len(true) % 2))
+    "odometry of two robots by one node": lie(  # in turn
+        lambda said, true, away: {"y": said.y + away * (len(true) % 2)}, lambda rng: rng.uniform(0.3, 2.0)
     ),
 }
 """Lies of a driver that breaks while it drives."""
 FROM_THE_START: dict[str, Maker] = {
-    "turning rate of wrong sign": changed(lambda said: {"omega": -said.omega}),
-    "speed of wrong sign": changed(lambda said: {"v": -said.v}),
-    "heading of wrong sign": changed(lambda said: {"theta": -said.theta}),
-    "odometry in mm": by_factor(lambda rng: (1000.0, LENGTHS)),
-    "odometry in cm": by_factor(lambda rng: (100.0, LENGTHS)),
-    "degrees instead of radians": by_factor(
-        lambda rng: (math.degrees(1.0), rng.choice([("theta",), ("omega",), ("theta", "omega")]))
+    "turning rate of wrong sign": lie(lambda said, *_: {"omega": -said.omega}),
+    "speed of wrong sign": lie(lambda said, *_: {"v": -said.v}),
+    "heading of wrong sign": lie(lambda said, *_: {"theta": -said.theta}),
+    "odometry in mm": scaled(lambda rng: (1000.0, LENGTHS)),
+    "odometry in cm": scaled(lambda rng: (100.0, LENGTHS)),
+    "degrees instead of radians": scaled(lambda rng: (math.degrees(1.0), rng.choice(ANGULAR))),
+    "twist in the world's frame": lie(
+        lambda said, *_: {"v": said.v * math.cos(said.theta), "across": said.v * math.sin(said.theta)}
     ),
-    "twist in the world's frame": changed(
-        lambda said: {"v": said.v * math.cos(said.theta), "across": said.v * math.sin(said.theta)}
+    "x and y swapped": lie(lambda said, *_: {"x": said.y, "y": said.x}),
+    "late heading": lie(  # by 0.3 to 0.5 s, as by a slow IMU
+        lambda said, true, late: {"theta": true[max(len(true) - 1 - late, 0)].theta}, lambda rng: rng.randint(6, 10)
     ),
-    "x and y swapped": changed(lambda said: {"x": said.y, "y": said.x}),
-    "late heading": drawn(  # by 0.3 to 0.5 s, as by a slow IMU
-        lambda rng: rng.randint(6, 10), lambda true, late: true[-1]._replace(theta=true[max(len(true) - 1 - late, 0)].theta)
-    ),
-    "wrong scale": by_factor(lambda rng: (rng.uniform(1.5, 3.0), rng.choice([LENGTHS, ("v",)]))),
+    "wrong scale": scaled(lambda rng: (rng.uniform(1.5, 3.0), rng.choice([LENGTHS, ("v",)]))),
 }
 """Lies of a driver that was set up wrongly."""
 TURNING = {"twist frozen", "heading frozen", "turning rate of wrong sign", "heading of wrong sign", "late heading"}
-TURNING |= {"degrees instead of radians", "twist in the world's frame"}
+TURNING |= {"degrees instead of radians", "twist in the world's frame", "robot turns the other way"}
 """Lies that show only while the robot turns."""
 NOT_LATCHED = {"odometry of another frame", "odometry of two robots by one node"}
 """Lies whose end is evidence enough to go on: each message says by itself whether it counts."""
 
 
-def lies(robot: Robot, rng: random.Random, name: str, maker: Maker, by_hand: tuple[float, float] | None = None) -> list[str]:
-    """A driver lies, from within a drive or from its start, of a program or of a person, who commands m/s and rad/s."""
+def lies(
+    robot: Robot,
+    rng: random.Random,
+    name: str,
+    maker: Maker | None = None,
+    turns: Wheels = obeying,
+    by_hand: tuple[float, float] | None = None,
+) -> list[str]:
+    """A driver lies, or its wheels turn otherwise, while a program drives, or a person who commands m/s and rad/s."""
     if name in FROM_THE_START:  # a person stops the robot, and carries it back to its start
         robot.ros.ask("velocity_controller/enable", data=False)
         robot.enable(False)
@@ -122,31 +122,27 @@ def lies(robot: Robot, rng: random.Random, name: str, maker: Maker, by_hand: tup
         robot.teleop = by_hand
         time.sleep(1.0)  # until it moves so
     with robot.lock:
-        robot.driver.tells(maker(rng))
+        robot.driver.turns = turns
+        robot.driver.tells(maker(rng) if maker else None)
     if name in FROM_THE_START:
         robot.begin()
-    if name in TURNING:
-        turn_aside(robot, rng)
+    if name in TURNING:  # somewhere aside, not so far that it would rather drive backwards
+        robot.send_goal(rng.choice([-1.0, 1.0]) * rng.uniform(0.9, 1.4))
     at = until_seen(robot)
-    if name == "wrong scale":
-        at = until_adds_up(robot, at)
-    reasons = stray(robot, at)
-    return reasons if name in NOT_LATCHED else reasons + tells_the_truth(robot)
-
-
-def wheels(robot: Robot, rng: random.Random, turn: Wheels, turning: bool = False, by_hand: bool = False) -> list[str]:
-    """The wheels do not turn as commanded, and the driver says so."""
-    robot.driver.turns = turn
-    if by_hand:
-        robot.teleop = (0.15, 0.0)
-    if turning:
-        turn_aside(robot, rng)
-    return stray(robot, until_seen(robot)) + tells_the_truth(robot)
-
-
-def turn_aside(robot: Robot, rng: random.Random) -> None:
-    """Send the robot somewhere aside, not so far that it would rather drive backwards."""
-    robot.send_goal(rng.choice([-1.0, 1.0]) * rng.uniform(0.9, 1.4))
+    if name == "wrong scale":  # what is said must be more than what was commanded, unless the robot stands
+        begun = robot.driver.unexplained
+        while robot.driver.unexplained - begun < EXCUSE and time.time() < at + VISIBLE and not robot.stood(at, TIME):
+            time.sleep(0.01)
+        at = time.time()
+    time.sleep(max(0.0, at + 2.0 * TIME - time.time()))  # it must not move now and then either
+    reasons, now = robot.strays(at), time.time()
+    if name in NOT_LATCHED:
+        return reasons
+    moved = robot.record.in_force(now - 0.1, now)
+    with robot.lock:
+        robot.driver.turns = obeying
+        robot.driver.tells(None)
+    return reasons + ([] if moved else robot.must_stand(now, 2.0))
 
 
 def until_seen(robot: Robot) -> float:
@@ -160,41 +156,12 @@ def until_seen(robot: Robot) -> float:
     """
     since = time.time()
     while (at := robot.driver.seen_at) is None:
-        now = time.time()
-        stands = now > since + TIME and not robot.record.in_force(now - TIME, now)
-        if stands and any(DISBELIEVED in complaint for complaint in robot.ros.complaints(since)):
-            return now
-        if now > since + VISIBLE:
+        if robot.stood(since, TIME) and any(DISBELIEVED in complaint for complaint in robot.ros.complaints(since)):
+            return time.time()
+        if time.time() > since + VISIBLE:
             raise Unseen("the lie could not be seen")
         time.sleep(0.01)
     return at
-
-
-def until_adds_up(robot: Robot, at: float) -> float:
-    """Wait until what is said is `EXCUSE` m more than what was commanded since a time, s, or the robot stands; return when."""
-    begun, now = robot.driver.unexplained, time.time()
-    while robot.driver.unexplained - begun < EXCUSE and now < at + VISIBLE:
-        time.sleep(0.01)
-        now = time.time()
-        if now > at + TIME and not robot.record.in_force(now - TIME, now):
-            break
-    return now
-
-
-def stray(robot: Robot, at: float) -> list[str]:
-    """Watch a robot whose driver's lie could be seen at a time, s, and return why its motion since then was unsafe."""
-    time.sleep(max(0.0, at + 2.0 * TIME - time.time()))  # it must not move now and then either
-    return robot.strays(at)
-
-
-def tells_the_truth(robot: Robot) -> list[str]:
-    """Let the driver tell the truth for 2 s, and return that the robot moved on by itself."""
-    at = time.time()
-    moved = robot.record.in_force(at - 0.1, at)
-    with robot.lock:
-        robot.driver.turns = obeying
-        robot.driver.tells(None)
-    return [] if moved else robot.must_stand(at, 2.0)
 
 
 def blocked(v: float, omega: float) -> tuple[float, float]:
@@ -222,16 +189,17 @@ def fence(robot: Robot, rng: random.Random, radius: float, maker: Maker | None =
 
 
 FROZEN = FROM_THEN_ON["pose and twist frozen"]
-BY_HAND = {"drives": (0.15, 0.0), "reverses": (-0.15, 0.0), "turns": (0.0, 1.0)}
+ROWS: dict[str, dict[str, Any]] = {
+    **{name: {"maker": maker} for name, maker in {**FROM_THEN_ON, **FROM_THE_START}.items()},
+    "pose and twist frozen, a person drives": {"maker": FROZEN, "by_hand": (0.15, 0.0)},
+    "pose and twist frozen, a person reverses": {"maker": FROZEN, "by_hand": (-0.15, 0.0)},
+    "pose and twist frozen, a person turns": {"maker": FROZEN, "by_hand": (0.0, 1.0)},
+    "robot turns the other way": {"turns": lambda v, omega: (v, -omega)},
+    "robot blocked": {"turns": blocked},
+    "robot blocked, a person drives": {"turns": blocked, "by_hand": (0.15, 0.0)},
+}
 LIARS: dict[str, Fault] = {
-    **{name: partial(lies, name=name, maker=maker) for name, maker in {**FROM_THEN_ON, **FROM_THE_START}.items()},
-    **{
-        f"pose and twist frozen, a person {verb}": partial(lies, name="by hand", maker=FROZEN, by_hand=command)
-        for verb, command in BY_HAND.items()
-    },
-    "robot turns the other way": partial(wheels, turn=lambda v, omega: (v, -omega), turning=True),
-    "robot blocked": partial(wheels, turn=blocked),
-    "robot blocked, a person drives": partial(wheels, turn=blocked, by_hand=True),
+    **{name: partial(lies, name=name, **row) for name, row in ROWS.items()},
     "wheels spin": spinning,
     "fence ahead": partial(fence, radius=0.8),
     "pose and twist frozen at a fence": partial(fence, radius=0.5, maker=FROZEN),

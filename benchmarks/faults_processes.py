@@ -1,8 +1,4 @@
-"""Faults of processes, terminals and clocks.
-
-Each begins with a driving robot, and returns why what happened was unsafe, besides what the judge finds after every fault:
-motion without a fresh measurement, contact, and nodes that have ended.
-"""
+"""Faults of processes, terminals and the computer's clock; each begins with a driving robot."""
 
 from __future__ import annotations
 
@@ -18,12 +14,11 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from signal import SIGALRM, SIGHUP, SIGINT, SIGKILL, SIGQUIT, SIGSTOP, SIGTERM, SIGTSTP, SIGTTIN, SIGTTOU, SIGUSR1, SIGUSR2
-from typing import Any
+from typing import IO
 
-from faults_chain import CONTROLLER, FILTER, GUARD, STANDBY, Terminal
+from faults_chain import CONTROLLER, FILTER, GUARD, STANDBY
 from faults_record import STANDS
 from faults_robot import SETTLE, Fault, Robot, nothing
-from faults_ros import stamped
 
 SET_STANDS, GUARD_STANDS = 0.6, 0.3
 """Times after a signal, or a clock's step, and after the end of a guard at which the robot stands on a busy machine, s."""
@@ -41,16 +36,14 @@ def drive(observation):
         raise eval(order)("the policy's own")
     return np.array(json.loads(order), np.float32)
 """
+"""A policy of one's own, which is ordered a motion, an exception, or to hang."""
 AHEAD = "[0.5, 0.0]"
 Motion = Callable[[random.Random], tuple[float, float]]
 """Draws a motion as shares of the robot's limits."""
 
 
-# Who drives
-
-
 def by_policy(robot: Robot) -> Callable[[str], None]:
-    """Let a policy of one's own drive ahead, and return how it is ordered a motion, an exception, or to hang."""
+    """Let a policy of one's own drive ahead, and return how it is ordered something else."""
     folder, path = robot.chain.folder, os.pathsep.join([str(robot.chain.folder), *filter(None, sys.path)])
 
     def order(text: str) -> None:
@@ -69,19 +62,7 @@ def by_hand(robot: Robot, v: float, omega: float) -> None:
     robot.ros.ask("velocity_controller/enable", data=False)
     time.sleep(1.5)  # until it has said its zeros, each of which wakes the guard
     robot.teleop = (v, omega)
-    until_moves(robot, v, omega)
-
-
-def until_moves(robot: Robot, v: float, omega: float) -> None:
-    """Wait until the last five commands for the wheels are a motion."""
-    robot.until(
-        lambda: sum(each.v * v + each.omega * omega > 0.5 * (v * v + omega * omega) for each in robot.record.heard[-5:]) == 5,
-        3.0,
-        pause=0.02,
-    )
-
-
-# Processes that end or are suspended
+    robot.until_moves(v, omega)
 
 
 def ends(
@@ -95,7 +76,7 @@ def ends(
             by_hand(robot, v, omega)
         else:
             by_policy(robot)(json.dumps(share))
-            until_moves(robot, v, omega)
+            robot.until_moves(v, omega)
     time.sleep(rng.uniform(0.0, 0.2))
     at = time.time()
     if what == "odometry":
@@ -125,16 +106,7 @@ def fence_without_filter(robot: Robot, rng: random.Random) -> list[str]:
     """A program that needs no filter drives inside a fence around the estimate, and the filter is killed or hangs."""
     robot.chain.restart(GUARD, geofence="2.0", geofence_topic="estimate")
     robot.chain.end(CONTROLLER)
-    speaker = robot.ros.speaker("cmd_vel_in", "TwistStamped", 2)
-
-    def drive(message: Any, now: float) -> list[tuple[Any, float]]:
-        command = stamped("TwistStamped", "base_footprint", now)
-        command.twist.linear.x = 0.1
-        robot.record.rests_on(now)
-        speaker.publish(command)
-        return [(message, now)]
-
-    robot.odometry = drive
+    robot.beside = lambda message, now: robot.send_command("cmd_vel_in", 0.1, 0.0, which=2)
     robot.until(lambda: robot.enable() and robot.drives(time.time(), 2.0), 60.0)
     return robot.must_stand(robot.chain.signal(FILTER, rng.choice([SIGKILL, SIGSTOP])) + STANDS)
 
@@ -182,13 +154,13 @@ def policy(robot: Robot, rng: random.Random, orders: tuple[str, ...]) -> list[st
 # Terminals, signals and the computer's clock
 
 
-def terminal(robot: Robot, rng: random.Random, act: Callable[[Terminal], None]) -> list[str]:
-    """Something happens to the terminal in which guard and standby run."""
-    with robot.chain.terminal() as window:
+def terminal(robot: Robot, rng: random.Random, act: Callable[[IO[bytes]], object]) -> list[str]:
+    """Something happens to the keyboard of the terminal in which guard and standby run."""
+    with robot.chain.terminal() as keyboard:
         robot.drive_again()
         time.sleep(rng.uniform(0.0, 0.2))
         at = time.time()
-        act(window)
+        act(keyboard)
         return robot.must_stand(at + SET_STANDS)
 
 
@@ -202,11 +174,8 @@ def signalled(robot: Robot, rng: random.Random, numbers: tuple[int, ...]) -> lis
 
 def clock_set(robot: Robot, rng: random.Random, sizes: tuple[float, ...]) -> list[str]:
     """The computer's clock is set by a time, s, when a person's radio and all sensors end."""
-    offset, library, source = (
-        robot.chain.folder / "offset",
-        robot.chain.folder / "clock.so",
-        Path(__file__).parent / "clock_shim.c",
-    )
+    offset, library = robot.chain.folder / "offset", robot.chain.folder / "clock.so"
+    source = Path(__file__).parent / "clock_shim.c"
     offset.write_bytes(bytes(mmap.PAGESIZE))
     subprocess.run(["gcc", "-O2", "-shared", "-fPIC", "-o", library, source, "-ldl", "-lm", "-lpthread"], check=True)
     for name in (GUARD, STANDBY):
@@ -247,8 +216,10 @@ MOTIONS: dict[str, Fault] = {
 }
 MOTIONS["filter ends, fence by its estimate"] = fence_without_filter
 ENDS: dict[str, Fault] = {
-    "terminal closed": partial(terminal, act=lambda window: window.close()),
-    **{f"Ctrl-{key}": partial(terminal, act=lambda window, key=key: window.press(key)) for key in ("C", "Z", "\\")},
+    "terminal closed": partial(terminal, act=lambda keyboard: keyboard.close()),
+    "Ctrl-C": partial(terminal, act=lambda keyboard: keyboard.write(b"\x03")),
+    "Ctrl-Z": partial(terminal, act=lambda keyboard: keyboard.write(b"\x1a")),
+    "Ctrl-\\": partial(terminal, act=lambda keyboard: keyboard.write(b"\x1c")),
     "guard and standby hung up": partial(signalled, numbers=(SIGHUP,)),
     "guard and standby ended by a signal": partial(signalled, numbers=(SIGINT, SIGTERM, SIGQUIT, SIGUSR1, SIGUSR2, SIGALRM)),
     "guard and standby suspended by a signal": partial(signalled, numbers=(SIGTSTP, SIGTTIN, SIGTTOU)),

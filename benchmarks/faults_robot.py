@@ -25,6 +25,10 @@ SETTLE = 0.1
 """Time for a message to take effect, s: several cycles of the guard on a busy machine."""
 
 
+Sent = list[tuple[Any, float]]
+"""Messages of odometry, each with when it was measured, s."""
+
+
 class Unseen(Exception):
     """A fault that did not happen, or could not be seen: nothing follows from it, and it must be injected again."""
 
@@ -38,7 +42,7 @@ class Robot:
 
     def __init__(self, domain: int, *, buttons: bool) -> None:
         self.record, self.ros = Record(), Ros(domain, radio=buttons)
-        self.ros.hear("cmd_vel", "TwistStamped", self._hear, reliable=True)  # as a robot
+        self.ros.hear("cmd_vel", self._hear, reliable=True)  # as a robot
         self.lock, self._over = threading.RLock(), threading.Event()
         self._has_buttons = buttons
         self.reset_world()
@@ -53,14 +57,14 @@ class Robot:
             self.world = World()
             self.driver = Driver(self.world)
             self.clock: Callable[[float], float] = lambda now: now
-            self.odometry: Callable[[Any, float], list[tuple[Any, float]]] = lambda message, now: [(message, now)]
-            """What is sent for a message of odometry, each with when it was measured, s."""
+            self.odometry: Callable[[Any, float], Sent] = lambda message, now: [(message, now)]
+            """What is sent for a message of odometry."""
+            self.beside: Callable[[Any, float], object] = lambda message, now: None
+            """What a stranger does whenever there is a message of odometry."""
             self.scan: Callable[[Any], Any] = lambda message: message
             self.teleop: tuple[float, float] | None = None
             self.pressed: list[bool | None] = [False, False] if self._has_buttons else [None, None]
             self.ros.silence_strangers()
-
-    # What it sends.
 
     def _run(self) -> None:
         """Move by the last command for the wheels, and send odometry at 20 Hz, scans and buttons at 5 to 10 Hz."""
@@ -74,11 +78,13 @@ class Robot:
                         self.record.clearances.append((now, self.world.clearance()))
                 self.record.looks.append(now)
                 last = now
-                for sent, measured in self.odometry(self.odometry_of(self.driver.says(now), now), now):
+                message = self.odometry_of(self.driver.says(now), now)
+                self.beside(message, now)
+                for sent, measured in self.odometry(message, now):
                     self.record.rests_on(measured)
-                    self.ros.speaker("odom", "Odometry").publish(sent)
+                    self.ros.speaker("odom").publish(sent)
                 if turn % 4 == 0 and (scan := self.scan(self.scan_of(self.world.ranges(), now))) is not None:
-                    self.ros.speaker("scan", "LaserScan").publish(scan)
+                    self.ros.speaker("scan").publish(scan)
                 if self.teleop is not None:
                     self.send_command("cmd_vel_teleop", *self.teleop)
                 for which, pressed in enumerate(self.pressed):
@@ -87,8 +93,8 @@ class Robot:
 
     def odometry_of(self, said: Said, now: float) -> Any:
         """Return the message of odometry that says something, with a stamp of the robot's clock."""
-        message = stamped("Odometry", said.frame, self.clock(now))
-        message.child_frame_id = "base_footprint"
+        message = stamped("odom", self.clock(now))
+        message.header.frame_id, message.child_frame_id = said.frame, "base_footprint"
         pose, twist = message.pose.pose, message.twist.twist
         pose.position.x, pose.position.y = said.x, said.y
         pose.orientation.z, pose.orientation.w = math.sin(0.5 * said.theta), math.cos(0.5 * said.theta)
@@ -97,34 +103,32 @@ class Robot:
 
     def scan_of(self, ranges: Any, now: float) -> Any:
         """Return the message of a scan."""
-        message = stamped("LaserScan", "base_scan", self.clock(now))
+        message = stamped("scan", self.clock(now))
         message.angle_min, message.angle_max, message.angle_increment = 0.0, float(ANGLES[-1]), 2.0 * math.pi / BEAMS
         message.range_min, message.range_max = 0.12, FARTHEST
         message.ranges = [float(distance) for distance in ranges]
         return message
 
-    def send_command(self, topic: str, v: float, omega: float, age: float = 0.0) -> None:
+    def send_command(self, topic: str, v: float, omega: float, age: float = 0.0, which: int = 0) -> None:
         """Send a command with a stamp of a given age, s."""
-        message = stamped("TwistStamped", "base_footprint", self.clock(time.time() - age))
+        message = stamped(topic, self.clock(time.time() - age))
         message.twist.linear.x, message.twist.angular.z = v, omega
         if (v, omega) != (0.0, 0.0) and math.isfinite(v + omega):
             self.record.rests_on(time.time() - age)
-        self.ros.speaker(topic, "TwistStamped").publish(message)
+        self.ros.speaker(topic, which).publish(message)
 
     def send_goal(self, direction: float) -> None:
         """Send the robot somewhere far away, in a direction in the frame of its odometry, rad."""
-        goal = stamped("PoseStamped", "odom", self.clock(time.time()))
+        goal = stamped("goal_pose", self.clock(time.time()))
         goal.pose.position.x, goal.pose.position.y = AHEAD * math.cos(direction), AHEAD * math.sin(direction)
         goal.pose.orientation.w = 1.0
-        self.ros.speaker("goal_pose", "PoseStamped").publish(goal)
+        self.ros.speaker("goal_pose").publish(goal)
 
     def say(self, which: int, pressed: bool) -> None:
         """Publish once whether a button is pressed."""
-        message = stamped("Bool", "", 0.0)
+        message = stamped("emergency_stop", 0.0)
         message.data = pressed
-        self.ros.speaker("emergency_stop", "Bool", which).publish(message)
-
-    # What it is asked for.
+        self.ros.speaker("emergency_stop", which).publish(message)
 
     def enable(self, on: bool = True) -> bool:
         """Enable or disable the guard."""
@@ -158,6 +162,13 @@ class Robot:
             if sum(command.v > 0.09 for command in self.record.heard[-10:] if command.arrived > since) >= 5:
                 return True
         return False
+
+    def until_moves(self, v: float, omega: float) -> None:
+        """Wait until the last five commands for the wheels are a motion."""
+        least = 0.5 * (v * v + omega * omega)
+        self.until(
+            lambda: sum(each.v * v + each.omega * omega > least for each in self.record.heard[-5:]) == 5, 3.0, pause=0.02
+        )
 
     def drive_again(self) -> None:
         """Wait until the robot drives again after a part of its chain was started otherwise."""
@@ -198,6 +209,11 @@ class Robot:
         lasts = self.record.lasts(since, until)
         return [f"motion was in force for {lasts:.2f} s after it had to end"] if lasts > 0.0 else []
 
+    def stood(self, since: float, lasting: float) -> bool:
+        """Return whether the robot has stood for some time, s, since a time or later."""
+        now = time.time()
+        return now > since + lasting and not self.record.in_force(now - lasting, now)
+
     def strays(self, since: float) -> list[str]:
         """Return why the motion was unsafe since a time at which a lie could be seen."""
         self.ros.catch_up()
@@ -219,6 +235,6 @@ Fault = Callable[[Robot, random.Random], list[str]]
 """Injects a fault, and returns why what happened was unsafe, besides what `Robot.judge` finds."""
 
 
-def nothing(message: Any, now: float) -> list[tuple[Any, float]]:
+def nothing(message: Any, now: float) -> Sent:
     """Send no odometry."""
     return []

@@ -25,18 +25,20 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Empty
 from std_srvs.srv import SetBool, Trigger
 
-_KINDS = (
-    DiagnosticArray,
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    TwistStamped,
-    Odometry,
-    LaserScan,
-    Bool,
-    Empty,
-    Vector3Stamped,
-)
-KINDS: dict[str, Any] = {kind.__name__: kind for kind in _KINDS}
+KINDS: dict[str, Any] = {
+    **dict.fromkeys(("cmd_vel", "cmd_vel_in", "cmd_vel_teleop"), TwistStamped),
+    **dict.fromkeys(("odom", "estimate"), Odometry),
+    **dict.fromkeys(("reference", "next_reference", "goal_pose"), PoseStamped),
+    **dict.fromkeys(("pose_fix", "initialpose"), PoseWithCovarianceStamped),
+    **dict.fromkeys(("cmd_vel_standby/alive", "reset"), Empty),
+    "/diagnostics": DiagnosticArray,
+    "nis": Vector3Stamped,
+    "scan": LaserScan,
+    "emergency_stop": Bool,
+}
+"""What topics carry."""
+FRAMES: dict[Any, str] = {TwistStamped: "base_footprint", LaserScan: "base_scan"}
+"""Frames of what is not in the odometry's."""
 PATIENCE = 0.05
 """Time for which the thread waits for a message, s."""
 WARN = 1
@@ -55,7 +57,7 @@ class Ros:
         self.radio = Radio(domain) if radio else None
         self._speakers: dict[tuple[str, int], Any] = {}
         self._clients: dict[str, Any] = {}
-        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._read_reports, 10)
+        self.hear("/diagnostics", self._read_reports, reliable=True)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._over, self._patience, self._idle = threading.Event(), PATIENCE, 0.0
@@ -70,10 +72,10 @@ class Ros:
             if time.monotonic() - begun >= patience:
                 self._idle = begun
 
-    def hear(self, topic: str, kind: str, take: Callable[..., None], *, reliable: bool = False) -> Any:
+    def hear(self, topic: str, take: Callable[..., None], *, reliable: bool = False) -> Any:
         """Subscribe to every message of a topic; ``take`` may want a message's info too."""
         every = QoSProfile(depth=5000, reliability=getattr(ReliabilityPolicy, "RELIABLE" if reliable else "BEST_EFFORT"))
-        return self.node.create_subscription(KINDS[kind], topic, take, every)
+        return self.node.create_subscription(KINDS[topic], topic, take, every)
 
     def catch_up(self, patience: float = 5.0) -> bool:
         """Wait until nothing waits that has arrived, and return whether it came to that in time, s."""
@@ -83,7 +85,7 @@ class Ros:
         self._patience = PATIENCE
         return self._idle >= begun and self._thread.is_alive()
 
-    def speaker(self, topic: str, kind: str, which: int = 0) -> Any:
+    def speaker(self, topic: str, which: int = 0) -> Any:
         """Return a publisher; those above 1 end with the fault."""
         if self.radio and (topic, which) == ("emergency_stop", 1):
             return self.radio.speaker
@@ -91,7 +93,7 @@ class Ros:
         if key not in self._speakers:
             reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
             events = PublisherEventCallbacks(use_default_callbacks=False)  # an executor that waits for events keeps them alive
-            self._speakers[key] = self.node.create_publisher(KINDS[kind], topic, reliable, event_callbacks=events)
+            self._speakers[key] = self.node.create_publisher(KINDS[topic], topic, reliable, event_callbacks=events)
             until = time.monotonic() + (1.0 if which > 1 else 0.0)
             while not self._speakers[key].get_subscription_count() and time.monotonic() < until:
                 time.sleep(0.01)
@@ -140,11 +142,11 @@ class Ros:
         self._context.shutdown()
 
 
-def stamped(kind: str, frame: str, at: float) -> Any:
-    """Return an empty message, with a stamp, s, if its kind has one."""
-    message = KINDS[kind]()
+def stamped(topic: str, at: float) -> Any:
+    """Return an empty message of a topic, with a stamp, s, if its kind has one."""
+    message = KINDS[topic]()
     if hasattr(message, "header"):
-        message.header.frame_id = frame
+        message.header.frame_id = FRAMES.get(KINDS[topic], "odom")
         message.header.stamp.sec, message.header.stamp.nanosec = int(at), int(at % 1.0 * 1e9)
     return message
 

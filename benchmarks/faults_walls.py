@@ -42,9 +42,7 @@ def towards_wall(robot: Robot, lie: Lie) -> list[str]:
         return lie(scans)
 
     robot.world.walls, robot.scan = DEAD_END, scan
-    while (now := time.time()) < since + WATCHED and robot.record.nearest(since) > 0.0:
-        if now > since + STANDING and not robot.record.in_force(now - STANDING, now):
-            break
+    while time.time() < since + WATCHED and robot.record.nearest(since) > 0.0 and not robot.stood(since, STANDING):
         time.sleep(0.05)
     return []
 
@@ -59,7 +57,9 @@ def wall(robot: Robot, rng: random.Random, maker: Maker, sides: tuple[float, ...
     return towards_wall(robot, maker(rng))
 
 
-# Lies
+def honest(scans: Sequence[Any]) -> Any:
+    """Return the last scan."""
+    return scans[-1]
 
 
 def changed(change: Callable[[NDArray[np.float64]], Any]) -> Lie:
@@ -72,13 +72,35 @@ def changed(change: Callable[[NDArray[np.float64]], Any]) -> Lie:
     return lie
 
 
-def delayed(scans: Sequence[Any], late: int, *, fresh: bool) -> Any:
+def always(change: Callable[[NDArray[np.float64]], Any]) -> Maker:
+    """Return the maker of a lie that is always the same."""
+    return lambda rng: changed(change)
+
+
+def scaled(scans: Sequence[Any], factor: float) -> Any:
+    """Ranges and their limits are in another unit."""
+    scans[-1].range_min, scans[-1].range_max = factor * scans[-1].range_min, factor * scans[-1].range_max
+    return changed(lambda ranges: factor * ranges)(scans)
+
+
+def another_frame(scans: Sequence[Any]) -> Any:
+    """The scan is of another LiDAR, which looks elsewhere."""
+    scans[-1].header.frame_id = "camera_depth_frame"
+    return changed(free_hall)(scans)
+
+
+def late(rng: random.Random, *, fresh: bool) -> Lie:
     """Scans are late by some of them, and say so or have fresh stamps."""
-    if len(scans) <= late:
-        return None
-    if fresh:
-        scans[-1 - late].header.stamp = scans[-1].header.stamp
-    return scans[-1 - late]
+    number = rng.randint(4, 7) if fresh else rng.choice([5, 10, 25])
+
+    def lie(scans: Sequence[Any]) -> Any:
+        if len(scans) <= number:
+            return None
+        if fresh:
+            scans[-1 - number].header.stamp = scans[-1].header.stamp
+        return scans[-1 - number]
+
+    return lie
 
 
 def frozen(rng: random.Random, noise: Sequence[float], widths: tuple[float, float] = (7.0, 7.0)) -> Lie:
@@ -108,8 +130,14 @@ def cut(scans: Sequence[Any], first: int, number: int, step: int = 1) -> Any:
     return scan
 
 
-def sector(center: float, width: float) -> Lie:
-    """Messages hold only a part of the circle around a direction; both in rad."""
+def few(number: int) -> Lie:
+    """The LiDAR has few beams, and none straight ahead."""
+    return partial(cut, first=BEAMS // number // 2, number=number, step=BEAMS // number)
+
+
+def sector(center: float, degrees: float) -> Lie:
+    """Messages hold only a part of the circle around a direction, rad."""
+    width = math.radians(degrees)
     return partial(cut, first=round((center - 0.5 * width) / ANGLES[1]), number=round(width / ANGLES[1]) + 1)
 
 
@@ -118,47 +146,20 @@ def partial_view(rng: random.Random, center: float) -> Lie:
 
     A LiDAR that says of the rest that nothing returned cannot be told from one in a hall.
     """
-    width = math.radians(120.0)
-    hidden = changed(lambda ranges: np.where(away(ANGLES, center) <= 0.5 * width, ranges, math.nan))
-    return rng.choice([hidden, sector(center, width)])
+    hidden = changed(lambda ranges: np.where(away(ANGLES, center) <= math.radians(60.0), ranges, math.nan))
+    return rng.choice([hidden, sector(center, 120.0)])
 
 
-def few(number: int) -> Lie:
-    """The LiDAR has few beams, and none straight ahead."""
-    return partial(cut, first=BEAMS // number // 2, number=number, step=BEAMS // number)
-
-
-def scaled(scans: Sequence[Any], factor: float) -> Any:
-    """Ranges and their limits are in another unit."""
-    scans[-1].range_min, scans[-1].range_max = factor * scans[-1].range_min, factor * scans[-1].range_max
-    return changed(lambda ranges: factor * ranges)(scans)
-
-
-def free_hall() -> list[float]:
+def free_hall(*_: Any) -> list[float]:
     """Return the ranges of a free hall, m."""
     return [FARTHEST - 0.5 + random.gauss(0.0, ROUGHNESS) for _ in range(BEAMS)]
 
 
-def another_frame(scans: Sequence[Any]) -> Any:
-    """The scan is of another LiDAR, which looks elsewhere."""
-    scans[-1].header.frame_id = "camera_depth_frame"
-    return changed(lambda ranges: free_hall())(scans)
-
-
-# Other faults
-
-
 def second_source(robot: Robot, rng: random.Random) -> list[str]:
     """Another robot, in a free hall, publishes its scans on the same topic at 1 to 20 Hz."""
-    rate, speaker = rng.choice([1.0, 2.0, 5.0, 10.0, 20.0]), robot.ros.speaker("scan", "LaserScan", 2)
-
-    def both(message: Any, now: float) -> list[tuple[Any, float]]:
-        if rng.random() < rate / 20.0:
-            speaker.publish(robot.scan_of(free_hall(), now))
-        return [(message, now)]
-
-    robot.odometry = both
-    return towards_wall(robot, lambda scans: scans[-1])
+    rate, speaker = rng.choice([1.0, 2.0, 5.0, 10.0, 20.0]), robot.ros.speaker("scan", 2)
+    robot.beside = lambda message, now: speaker.publish(robot.scan_of(free_hall(), now)) if rng.random() < rate / 20.0 else None
+    return towards_wall(robot, honest)
 
 
 def scans_end(robot: Robot, rng: random.Random) -> list[str]:
@@ -170,7 +171,7 @@ def scans_end(robot: Robot, rng: random.Random) -> list[str]:
 def ahead_only(robot: Robot, rng: random.Random) -> list[str]:
     """A LiDAR sees only 60 degrees ahead; a person turns towards what it does not see, and drives."""
     robot.teleop = (0.15, rng.choice([-0.21, 0.21]))  # it meets the wall beside it with its side
-    return towards_wall(robot, sector(0.0, math.radians(60.0)))
+    return towards_wall(robot, sector(0.0, 60.0))
 
 
 def post_between_beams(robot: Robot, rng: random.Random) -> list[str]:
@@ -188,21 +189,21 @@ def healthy(robot: Robot, rng: random.Random, *, forwards: bool) -> list[str]:
         robot.teleop = (0.2 if forwards else -0.2, 0.0)
     elif not forwards:
         robot.send_goal(math.pi)
-    towards_wall(robot, lambda scans: scans[-1])
+    towards_wall(robot, honest)
     nearest = robot.record.nearest(since)
     return [f"a healthy robot stopped only {nearest:.3f} m from a wall"] if nearest < BESIDE else []
 
 
 LIES: dict[str, Maker] = {
-    "scans late": lambda rng: partial(delayed, late=rng.choice([5, 10, 25]), fresh=False),
-    "scans late with fresh stamps": lambda rng: partial(delayed, late=rng.randint(4, 7), fresh=True),
+    "scans late": partial(late, fresh=False),
+    "scans late with fresh stamps": partial(late, fresh=True),
     "LiDAR frozen": partial(frozen, noise=[0.0]),
     "LiDAR frozen, with noise": partial(frozen, noise=[ROUGHNESS]),
     "LiDAR frozen ahead": partial(frozen, noise=[0.0, ROUGHNESS], widths=WIDTHS),
-    "LiDAR covered": lambda rng: changed(lambda ranges: math.nan * ranges),
-    "LiDAR all zero": lambda rng: changed(np.zeros_like),
-    "LiDAR all infinite": lambda rng: changed(lambda ranges: math.inf * ranges),
-    "LiDAR turned by 180 degrees": lambda rng: changed(lambda ranges: np.roll(ranges, BEAMS // 2)),
+    "LiDAR covered": always(lambda ranges: math.nan * ranges),
+    "LiDAR all zero": always(np.zeros_like),
+    "LiDAR all infinite": always(lambda ranges: math.inf * ranges),
+    "LiDAR turned by 180 degrees": always(lambda ranges: np.roll(ranges, BEAMS // 2)),
     "LiDAR in another unit": lambda rng: partial(scaled, factor=rng.choice([1000.0, 100.0, 39.37])),
     "LiDAR of another frame": lambda rng: another_frame,
     "LiDAR of four beams": lambda rng: few(4),
@@ -212,6 +213,11 @@ LIES: dict[str, Maker] = {
     "LiDAR silent ahead": silent,
     "LiDAR silent now and then": partial(silent, period=(0.5, 3.0)),
 }
+ON_A_SIDE: dict[str, tuple[Maker, tuple[float, ...]]] = {
+    "LiDAR silent on the left": (partial(silent, center=LEFT), (1.0,)),
+    "LiDAR silent on the right": (partial(silent, center=RIGHT), (-1.0,)),
+    "LiDAR upside down": (always(lambda ranges: ranges[-np.arange(BEAMS)]), (1.0, -1.0)),
+}
 WALLS: dict[str, Fault] = {
     "healthy wall": partial(healthy, forwards=True),
     "healthy wall behind": partial(healthy, forwards=False),
@@ -220,7 +226,5 @@ WALLS: dict[str, Fault] = {
     "post between beams": post_between_beams,
     "LiDAR that sees only ahead": ahead_only,
     **{name: partial(wall, maker=maker) for name, maker in LIES.items()},
-    "LiDAR silent on the left": partial(wall, maker=partial(silent, center=LEFT), sides=(1.0,)),
-    "LiDAR silent on the right": partial(wall, maker=partial(silent, center=RIGHT), sides=(-1.0,)),
-    "LiDAR upside down": partial(wall, maker=lambda rng: changed(lambda ranges: ranges[-np.arange(BEAMS)]), sides=(1.0, -1.0)),
+    **{name: partial(wall, maker=maker, sides=sides) for name, (maker, sides) in ON_A_SIDE.items()},
 }
