@@ -19,17 +19,14 @@ from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int
 from turtlebot_gym.drive import Drive, RoomData, heading_error, position_error
 from turtlebot_gym.files import replacing, write_text
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.plotting import draw_map, draw_room, draw_scan, legend_below, tutorial_figure
 from turtlebot_gym.presets import FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
-from turtlebot_gym.rooms.scan import mounted
-from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.tasks import ROOM, SQUARE, arrived
 from turtlebot_gym.values import Pose, State
+from turtlebot_gym_agents.figures import drives_figure, legends_below
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 from turtlebot_gym_ros.base.process import be_interruptible
-from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.graph.graph import PATIENCE, Graph
 from turtlebot_gym_ros.nodes import MODES
 
@@ -178,18 +175,9 @@ def _tell(trajectory: Drive, latest: dict[str, Any], chosen: dict[str, Any], fig
         known = {name: value if math.isfinite(value) else None for name, value in figures.items()}
         write_text(report, json.dumps({"options": chosen, "metrics": known}, indent=2) + "\n")
     if figure:
-        lidar = find_lidar(chosen.get("lidar", TurtlebotSimulator.Params().lidar))
-        title = f"policy {chosen.get('policy', 'bearing')} in the ROS graph"
-        around = RoomData(goal_radius=(ROOM if "obstacles" in latest else SQUARE).radius)
-        drawn = tutorial_figure(replace(trajectory, around=around), title=title)
-        seen_from_above = drawn.axes[0]
-        if "obstacles" in latest:
-            draw_room(seen_from_above, latest["obstacles"])
-        if "map" in latest:
-            draw_map(seen_from_above, latest["map"])
-        if "scan" in latest:
-            draw_scan(seen_from_above, latest["scan"], mounted(latest["true_state"], lidar))
-        legend_below(drawn, columns=8)
+        room, radius = latest.get("obstacles"), (ROOM if "obstacles" in latest else SQUARE).radius
+        drive = replace(trajectory, around=RoomData(room=room, grid=latest.get("map"), goal_radius=radius))
+        drawn, _ = drives_figure({chosen.get("policy", "bearing"): drive}, title="in the ROS graph")
         with replacing(figure) as beside:
-            drawn.savefig(beside, dpi=120)
+            legends_below(drawn).savefig(beside, dpi=120)
         print(f"figure written to {figure}")
