@@ -146,17 +146,13 @@ class Arbiter:
         self._wake(now)
         self.buttons.count(publishers, now)
 
-    def locate(
-        self, x: float, y: float, now: float, *, sent: float | None = None, frame: str | None = None, publishers: int = 1
-    ) -> None:
-        """Take the robot's position, m, in a frame (None: the right one), from a topic with a number of publishers."""
+    def locate(self, x: float, y: float, now: float, *, sent: float | None = None, frame: str | None = None) -> None:
+        """Take the robot's position, m, in a frame (None: the right one)."""
         self._wake(now)
         wanted = self._p.frame_prefix + self._p.geofence_frame
         self.lost = ""
         if frame not in (None, wanted):
             self.lost = f"its frame is {frame!r}, not {wanted!r}"
-        elif publishers > 1:
-            self.lost = f"{publishers} nodes publish it"
         elif not math.isfinite(x + y):
             self.lost = f"it is at ({x:g}, {y:g})"
         self._distance = now if sent is None else min(sent, now), math.inf if self.lost else math.hypot(x, y)

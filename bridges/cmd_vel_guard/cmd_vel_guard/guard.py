@@ -244,7 +244,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run ``cmd_vel_guard``, before all other processes but its standby, where the system permits a real-time priority."""
     precede(1)
     return run([CmdVelGuard], argv, local=False)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -162,7 +162,3 @@ def main(argv: Sequence[str] | None = None) -> int:
     lifelines = leave()
     precede(2)
     return run([CmdVelStandby], argv, local=False, lifelines=lifelines)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -201,8 +201,9 @@ class Block(Protocol):
 
     It may also have a ``notice``, one line for users or None, which is logged and shown in the diagnostics; a ``fault``, shown
     as an error; ``figures``, numbers by name; ``services``, functions without arguments by name, offered as ``std_srvs/Empty``;
-    ``nav2_name``, the node of Nav2 for which it stands, so that clients find that one active; and ``pause``, called instead of
-    ``reset`` after a gap in the messages on which it runs.
+    ``nav2_name``, the node of Nav2 for which it stands, so that clients find that one active; ``pause``, called instead of
+    ``reset`` after a gap in the messages on which it runs; and ``send``, ``cancel`` and ``refuse``, by which it takes goals as
+    `WaypointGenerator` does, one at a time and in its world frame, beside its input ``goal``.
     """
 
     @property

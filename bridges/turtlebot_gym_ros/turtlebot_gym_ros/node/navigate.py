@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import State
@@ -31,23 +31,6 @@ MISSING = (
 """Remark of a node that would offer the action."""
 
 
-@runtime_checkable
-class SendsGoals(Protocol):
-    """A block that takes goals one at a time, in its world frame; its input ``goal`` is their topic."""
-
-    def send(self, goal: Pose, *, awaited: bool = False) -> Errand:
-        """Take a goal in place of an earlier one; what is returned may have failed already."""
-        ...
-
-    def cancel(self, errand: Errand) -> None:
-        """Give up a goal."""
-        ...
-
-    def refuse(self, why: str, code: Failure = Failure.NOT_LOCALIZED) -> Errand:
-        """Refuse what is no goal, and give up an earlier one."""
-        ...
-
-
 class _ActionServer(ActionServer):
     """An action server whose goals are executed elsewhere, and only end here.
 
@@ -69,7 +52,7 @@ class NavigateToPose:
     for it, and the text, which the node logs, too. ``read`` returns the pose of a message, or raises `ValueError`.
     """
 
-    def __init__(self, node: Node, block: SendsGoals, read: Callable[[PoseStamped], Pose], frame: str) -> None:
+    def __init__(self, node: Node, block: Any, read: Callable[[PoseStamped], Pose], frame: str) -> None:
         from nav2_msgs.action import NavigateToPose as Action  # type: ignore[import-not-found]
 
         self._node, self._block, self._read, self._frame, self._action = node, block, read, frame, Action
@@ -142,9 +125,9 @@ def be_active(node: Node, name: str) -> None:
     node.create_service(GetState, f"{name}/get_state", answer)
 
 
-def offer(node: Node, block: object, feeds: Mapping[str, Feed], common: Common) -> NavigateToPose | None:
+def offer(node: Node, block: Any, feeds: Mapping[str, Feed], common: Common) -> NavigateToPose | None:
     """Let a block that takes goals hear of those that are refused, and offer the action if its messages are installed."""
-    if not isinstance(block, SendsGoals):
+    if not hasattr(block, "send"):
         return None
     feeds["goal"].on_refusal = block.refuse
     try:

@@ -203,7 +203,3 @@ def _teach(types: Typestore, kind: str) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``data_logger``."""
     return run([DataLogger], argv)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
