@@ -60,7 +60,7 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, int
         twist: Best knowledge of the twist executed from now on: the one that odometry reports, or the command.
         tuning: Process noise, with the systematic errors of the twist, if they are known.
         dt: Interval, s.
-        integrator: The integrator, a value of `Integrator`.
+        integrator: The integrator, a value of `INTEGRATORS`.
 
     Returns:
         ``f(mean, twist)``, and for the pose ``F P F' + G U G' + Q`` with F and G the true Jacobians of f with respect to the

@@ -19,7 +19,7 @@ class Filter(NamedTuple):
     """``step(estimate, before, senses, tuning, dt, integrator)`` returns the estimate after a control interval of dt, s.
 
     ``before`` and ``senses`` are the sensors' values at the start and at the end of the interval, `values.Senses`;
-    ``integrator`` is a `models.unicycle.Integrator`.
+    ``integrator`` is a value of `models.unicycle.INTEGRATORS`.
     """
     fix: Callable[[Any, Pose, tuple[float, ...], FilterTuning], Any]
     """``fix(estimate, z, R, tuning)`` returns the estimate after an external pose measurement of the same time.

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.config import refusal
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.models.unicycle import Integrator, motion
+from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 
 KNOWN = EXTENDED, UNSCENTED = "ExtendedKalmanFilter", "UnscentedKalmanFilter"
@@ -66,7 +66,7 @@ class _Worker:
         filter.Q = self._Q * (dt / self._period)
         u = np.array([v, omega]) if n == 3 else twist
         if self._moves_as_robot:
-            moved, F = motion(theta, v, omega, dt, Integrator.EULER), np.eye(max(n, 5))
+            moved, F = motion(theta, v, omega, dt, INTEGRATORS["euler"]), np.eye(max(n, 5))
             F[3, 3] = F[4, 4] = 0.0  # commands replace the twist
             F[0, 2:5], F[1, 2:5], F[2, 4] = moved[3:6], moved[6:], dt
             state = [x + moved.x, y + moved.y, theta + moved.theta, *twist, *more]

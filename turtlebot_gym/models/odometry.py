@@ -18,22 +18,12 @@ def quantize(value: float, resolution: float) -> float:
 
 @kernel
 def measure(
-    pose: Pose,
-    wheels: Pose,
-    noise: OdometryNoise,
-    position: tuple[float, float],
-    heading: float,
-    event: float,
+    pose: Pose, wheels: Pose, noise: OdometryNoise, position: tuple[float, float], heading: float, event: float
 ) -> Pose:
-    """Measure a pose.
+    """Measure the true pose, or the one integrated from the wheels.
 
-    Args:
-        pose: The true pose.
-        wheels: The pose integrated from the wheels.
-        noise: The odometry's errors.
-        position: Two standard normal numbers.
-        heading: A standard normal number.
-        event: A uniform number in (0, 1) that decides on a heading spike and its sign.
+    ``position`` and ``heading`` are standard normal numbers, ``event`` is a uniform one in (0, 1) that decides on a heading
+    spike and its sign.
     """
     half = 0.5 * noise.spike_probability
     spike = noise.spike if event < half else (-noise.spike if event < noise.spike_probability else 0.0)
@@ -56,14 +46,8 @@ def miscounts(v: float, noise: OdometryNoise, key: int, at: int, dt: float) -> b
 def counted(before: Pose, after: Pose, v: float, noise: OdometryNoise, key: int, at: int, dt: float) -> Pose:
     """Return the pose that the wheels integrate in a step, with what goes wrong: wrong directions, leaps and resets.
 
-    Args:
-        before: The integrated pose at the start of the step.
-        after: At its end, by the wheels' motion.
-        v: Speed of the wheels, m/s.
-        noise: The odometry's errors.
-        key: The episode's key.
-        at: The step's number.
-        dt: Control interval, s.
+    ``before`` and ``after`` are the integrated poses at its start and end, by the wheels' motion, ``v`` is their speed, m/s;
+    ``key`` is the episode's, ``at`` the step's number and ``dt`` the control interval, s.
     """
     share, wrong = dt / REFERENCE_PERIOD, miscounts(v, noise, key, at, dt)
     x, y = (2.0 * before.x - after.x if wrong else after.x), (2.0 * before.y - after.y if wrong else after.y)
@@ -80,14 +64,8 @@ def counted(before: Pose, after: Pose, v: float, noise: OdometryNoise, key: int,
 def sense(pose: Pose, wheels: Pose, twist: Command, before: Odometry, noise: OdometryNoise, key: int, at: int) -> Odometry:
     """Return the odometry at a step; if a measurement is lost, the last pose that arrived is kept.
 
-    Args:
-        pose: The true pose.
-        wheels: The pose that the wheels have integrated.
-        twist: The executed twist.
-        before: The odometry one step earlier.
-        noise: The odometry's errors.
-        key: The episode's key, from `models.random.episode_key`.
-        at: The step's number; the measurement of step 0 always arrives.
+    ``pose`` is the true one, ``wheels`` that of the wheels, ``twist`` the executed one, and ``before`` the odometry one step
+    earlier. ``key`` is that of the episode, ``at`` the step's number: the measurement of step 0 always arrives.
     """
     heading, _ = normals(key, at, HEADING)
     event, dropout = uniforms(key, at, EVENTS)
@@ -102,15 +80,8 @@ def increment(pose: Pose, before: Pose, after: Pose, sincos_turn: tuple[float, f
     """Move a pose as the odometry moved from ``before`` to ``after``.
 
     So it changes frames, too: if ``pose`` in one frame is ``before`` in another, ``after`` is what is returned.
-
-    Args:
-        pose: The pose to move.
-        before: Odometry at the start of the interval.
-        after: Odometry at its end.
-        sincos_turn: Sine and cosine of ``pose.theta - before.theta``, the turn from odometry's frame into the pose's.
+    ``sincos_turn`` has sine and cosine of ``pose.theta - before.theta``, the turn from odometry's frame into the pose's.
     """
-    sine, cosine = sincos_turn
-    dx, dy = after.x - before.x, after.y - before.y
-    return Pose(
-        pose.x + cosine * dx - sine * dy, pose.y + sine * dx + cosine * dy, wrap(pose.theta + (after.theta - before.theta))
-    )
+    (sine, cosine), dx, dy = sincos_turn, after.x - before.x, after.y - before.y
+    theta = wrap(pose.theta + (after.theta - before.theta))
+    return Pose(pose.x + cosine * dx - sine * dy, pose.y + sine * dx + cosine * dy, theta)

@@ -7,7 +7,6 @@ a command acts one step late, as in the reference system.
 from __future__ import annotations
 
 import math
-from enum import Enum
 from typing import NamedTuple
 
 from turtlebot_gym.kernel import algebra, kernel, sqrt
@@ -16,16 +15,8 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD, ProcessNoise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.values import Command, Pose
 
-
-class Integrator(float, Enum):
-    """Share of the interval at which the motion's heading is taken: at its start, as in the tutorial, or in its middle."""
-
-    EULER = 0.0
-    MIDPOINT = 0.5
-
-
-INTEGRATORS = {integrator.name.lower(): integrator for integrator in Integrator}
-"""The integrators by name."""
+INTEGRATORS = {"euler": 0.0, "midpoint": 0.5}
+"""Share of the interval at which the motion's heading is taken: at its start, as in the tutorial, or in its middle."""
 
 
 @kernel
@@ -34,8 +25,7 @@ def command_of(forward: float, turn: float, robot: Robot) -> Command:
     return Command(min(max(forward, -1.0), 1.0) * robot.max_linear, min(max(turn, -1.0), 1.0) * robot.max_angular)
 
 
-ROUNDING = 1e-12
-"""Share of a limit below which an excess counts as rounding, so that limiting a command twice changes no bit."""
+ROUNDING = 1e-12  # share of a limit below which an excess is rounding, so that limiting a command twice changes no bit
 
 
 @kernel
@@ -77,15 +67,7 @@ class _Displacement(NamedTuple):
 
 @algebra
 def motion(theta: float, v: float, omega: float, dt: float, integrator: float) -> _Displacement:
-    """Return how a twist moves a pose with the heading ``theta`` in one interval, by the rule of `Integrator`.
-
-    Args:
-        theta: Heading at the start of the interval, rad.
-        v: Speed, m/s.
-        omega: Turning rate, rad/s.
-        dt: Interval, s.
-        integrator: The rule, a value of `Integrator`.
-    """
+    """Return how a twist moves a pose with the heading ``theta`` in one interval, by a rule of `INTEGRATORS`."""
     sine, cosine = sincos(theta + integrator * omega * dt)
     x_theta, y_theta = -v * sine * dt, v * cosine * dt
     of_x, of_y = (x_theta, cosine * dt, integrator * dt * x_theta), (y_theta, sine * dt, integrator * dt * y_theta)
@@ -113,15 +95,7 @@ def execution_variances(command: Command, noise: ProcessNoise, dt: float) -> tup
 
 @algebra
 def execute(command: Command, noise: ProcessNoise, slipping: bool, draws: tuple[float, float], dt: float) -> Command:
-    """Return the twist that the robot actually executes for a command.
-
-    Args:
-        command: The command, within the robot's limits.
-        noise: The velocity motion model.
-        slipping: Whether the wheels slip now.
-        draws: Two standard normal numbers, for the speed and the turning rate.
-        dt: Control interval, s.
-    """
+    """Return the twist that the robot actually executes for a command within its limits; draws are standard normal numbers."""
     var_v, var_omega = execution_variances(command, noise, dt)
     share = noise.scale * (1.0 - noise.slip if slipping else 1.0)
     turn = (command.omega + sqrt(var_omega) * draws[1]) * noise.turn_scale + noise.veer * command.v
@@ -139,13 +113,6 @@ def expected(command: Command, noise: ProcessNoise, dt: float) -> tuple[Command,
 
 @algebra
 def slips(slipping: bool, noise: ProcessNoise, draw: float, dt: float) -> bool:
-    """Return whether the wheels slip in the next step: a two-state Markov chain.
-
-    Args:
-        slipping: Whether the wheels slip now.
-        noise: Model with the chain's probabilities per 0.1 s.
-        draw: A uniform number in (0, 1).
-        dt: Control interval, s.
-    """
+    """Return whether the wheels slip in the next step, by a uniform number in (0, 1): a two-state Markov chain."""
     scale = dt / REFERENCE_PERIOD
     return draw >= noise.slip_end * scale if slipping else draw < noise.slip_start * scale

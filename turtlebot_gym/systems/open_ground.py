@@ -12,7 +12,7 @@ from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.odometry import counted
 from turtlebot_gym.models.random import PROCESS, SLIP, normals, uniforms
-from turtlebot_gym.models.unicycle import Integrator, accelerate, advance, execute, limit, slips
+from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, limit, slips
 from turtlebot_gym.observations import OPEN_GROUND, Observed, observed_state
 from turtlebot_gym.presets import TUTORIAL, matched
 from turtlebot_gym.rewards import ON_GROUND, default_weights
@@ -84,7 +84,7 @@ def _judge(world, body, senses, estimate, waypoints, p):
 
 _WEIGHTS = default_weights(ON_GROUND)
 _EXAMPLE = Parameters(
-    ROBOTS["burger"], TUTORIAL, matched(TUTORIAL), TASKS["nav"], _WEIGHTS, 0.1, Integrator.EULER, Observed.EKF, 0.0
+    ROBOTS["burger"], TUTORIAL, matched(TUTORIAL), TASKS["nav"], _WEIGHTS, 0.1, INTEGRATORS["euler"], Observed.EKF, 0.0
 )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from turtlebot_gym.config import Range
-from turtlebot_gym.models.unicycle import Integrator
 from turtlebot_gym.observations import Observed
 from turtlebot_gym.parameters import FilterTuning, Noise
 from turtlebot_gym.robots import Robot
@@ -31,7 +30,7 @@ class Parameters(NamedTuple):
     """Weight of each term of the reward, `turtlebot_gym.rewards.shares_of` their names."""
     dt: float
     """Control interval, s."""
-    integrator: Integrator
+    integrator: float
     observed: Observed
     delay: float
     """Delay of commands in steps, a whole number from 0 to `MAX_DELAY`."""
