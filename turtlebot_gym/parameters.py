@@ -153,8 +153,8 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gate:
-    """The gate of a filter that corrects, `estimation.gate`; the next classes have these numbers, too."""
+class Kalman:
+    """The extended Kalman filter, `estimation.ekf`, with a gate, `estimation.gate`, as others have it, too."""
 
     gate: Annotated[float, config.POSITIVE_OR_INFINITE] = math.inf
     """Measurements whose normalized innovation squared exceeds this are refused (chi-square, 3 degrees of freedom)."""
@@ -164,11 +164,6 @@ class Gate:
     """Least time for which measurements of each step must be refused before the filter counts as lost, s."""
 
     __post_init__ = config.check_fields
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kalman(Gate):
-    """The extended Kalman filter, `estimation.ekf`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,7 +184,7 @@ class DeadReckoning:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gated(Gate):
+class Gated(Kalman):
     """The extended Kalman filter with a further gate on the heading alone, `estimation.ekf`."""
 
     heading_gate: Annotated[float, config.POSITIVE_OR_INFINITE]

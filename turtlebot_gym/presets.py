@@ -35,7 +35,7 @@ VARIANCE_FLOOR = 1e-6
 HEADING_GATE = 6.635
 """Normalized innovation squared that 1 % of correct headings exceed (chi-square, 1 degree of freedom)."""
 POSE_GATE = {"gate": 16.27, "max_rejections": 3, "lockout": 1.0}
-"""The gate of all filters that correct, `parameters.Gate`: 0.1 % of correct poses exceed it (chi-square, 3 degrees of freedom).
+"""The gate of all filters that correct, see `Kalman`: 0.1 % of correct poses exceed it (chi-square, 3 degrees of freedom).
 A leap that lasts half a second is kept out; after a second the belief gives way."""
 
 ODOMETRY_LEAP = {"leap": 0.3, "leap_turn": 0.3}

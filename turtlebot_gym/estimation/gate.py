@@ -1,8 +1,8 @@
 """The gate of a filter: it refuses a measured pose that the belief cannot explain, but never for ever.
 
 A refused pose leaves the belief as it was predicted. A spike, a leap or a flip does not last; after refusals for as long as
-`parameters.Gate.lockout` the belief is the one that is wrong, and the filter starts anew from the measured pose. A belief that
-rests on a single measurement has no better claim than the next one, so there the first refusal is enough.
+`parameters.Kalman.lockout` the belief is the one that is wrong, and the filter starts anew from the measured pose. A belief
+that rests on a single measurement has no better claim than the next one, so there the first refusal is enough.
 
 References:
     Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 5.4: the normalized
@@ -40,7 +40,7 @@ def judge(rejections: float, measured: bool, is_outlier: bool, tuning: FilterTun
         rejections: Number of measurements refused in a row before it, or `ONE_MEASUREMENT`.
         measured: Whether there is a measurement; if not, nothing changes.
         is_outlier: Whether its normalized innovation squared exceeds the gate.
-        tuning: Tuning of a kind with a `parameters.Gate`.
+        tuning: Tuning of a kind with the numbers of `parameters.Kalman`.
         dt: Interval since the last step, s.
     """
     rules, count = tuning.kind, max(rejections, 0.0) + 1.0

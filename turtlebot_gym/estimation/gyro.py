@@ -17,12 +17,12 @@ from turtlebot_gym.estimation.sixth import Sixth, correct_both, update_both
 from turtlebot_gym.estimation.update import Projection, Variances, inverse_of, wrapped
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.unicycle import motion
-from turtlebot_gym.parameters import FilterTuning, Gate
+from turtlebot_gym.parameters import FilterTuning, Kalman
 from turtlebot_gym.values import Belief, Command, Pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gyro(Gate):
+class Gyro(Kalman):
     """The filter's own numbers, `FilterTuning.kind`."""
 
     variance: Annotated[float, NON_NEGATIVE]
