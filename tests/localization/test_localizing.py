@@ -104,7 +104,7 @@ def test_obstacles_that_the_map_alone_has_hide_none_of_the_room_and_mislead_litt
     assert off[1] < 0.01
 
 
-PROBABILITIES = {"memory", "doubt", "short", "suspicion", "temper", "trust"}
+PROBABILITIES = {"doubt", "short", "suspicion", "temper", "trust"}
 CHANGED = {"beams": 30, "iterations": 1, "wide_steps": 1, "patience": 2, "thin": 2.0}
 """Others: a probability becomes its complement, 0 becomes large, and what is left is halved."""
 

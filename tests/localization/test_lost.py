@@ -6,10 +6,10 @@ from localization_rooms import hall, make_room, off, scan_of, sight
 
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.bank import COLUMNS, ROWS
+from turtlebot_gym.localization.descent import SILENT_BEAMS, agreeing, verdict
 from turtlebot_gym.localization.hypotheses import CYCLE, ENOUGH, look, nowhere
 from turtlebot_gym.localization.information import Guess
 from turtlebot_gym.localization.localizer import LOST, TRACKING, locate, move, scan, state_of
-from turtlebot_gym.localization.passing import SILENT_BEAMS, agreeing, verdict
 from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.values import STOP, Pose
 

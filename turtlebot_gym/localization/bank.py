@@ -16,8 +16,7 @@ from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.values import Pose
 
-MOST = 16
-"""Most hypotheses."""
+MOST = 16  # most hypotheses
 LAST, RIGHT, OFF = MOST + 1, 4, 5
 """Row of a bank with the position of the odometry at the last scan; whether the last search found only places that look alike;
 and in columns of their own whether the last scan that says anything about the belief agrees, beams in the unknown then do, too;
@@ -27,12 +26,9 @@ TRIAL = MOST + 2
 usually fit where the robot is right; and that of the last scans."""
 ROWS, COLUMNS = MOST + 3, 7
 """Rows and columns of a bank of hypotheses, see `LOG_WEIGHT`."""
-UNLIKELY = -10.0
-"""Logarithm of a weight, relative to the best, below which a hypothesis is dropped."""
-NONE = -1e300
-"""Logarithm of the weight where there is no hypothesis."""
-MEMORY = 10.0
-"""Scans over which the share of agreeing beams of a hypothesis is averaged."""
+UNLIKELY = -10.0  # logarithm of a weight, relative to the best, below which a hypothesis is dropped
+NONE = -1e300  # logarithm of the weight where there is no hypothesis
+MEMORY = 10.0  # scans over which the share of agreeing beams of a hypothesis is averaged
 LOG_WEIGHT, AGREES, AGE, FITS = 3, 4, 5, 6
 """Columns of a bank of hypotheses, shape (`ROWS`, `COLUMNS`): x, y and heading of the odometry's origin in the map; the
 logarithm of the weight, of which the best is 0; the mean share of agreeing beams; the evidence since it was found, in scans;

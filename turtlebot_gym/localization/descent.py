@@ -1,6 +1,10 @@
 """The descent of a belief to where a scan fits, by Gauss-Newton steps from the prediction.
 
 A bad fit there may be a local minimum: the descent is then also tried from starts all around the belief.
+
+Beams speak for a pose, or against it if they pass through a surface of the map; the unknown says nothing. A beam that ends
+before the surface that it should meet may have met what moves, or what is not on the map; it says little about the place,
+whether that is right or wrong. A beam that goes on behind a wall cannot be explained like that.
 """
 
 from __future__ import annotations
@@ -11,34 +15,32 @@ import numpy as np
 
 from turtlebot_gym.estimation.sixth import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.localization.information import Guess, ScanPoints, blurred, condition, information
-from turtlebot_gym.localization.passing import AGAINST, agreeing, verdict
-from turtlebot_gym.localization.points import LENGTH, X, Y
+from turtlebot_gym.localization.information import NEAR, Guess, ScanPoints, blurred, condition, information
+from turtlebot_gym.localization.points import DX, DY, LENGTH, X, Y
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.rooms.field import at_cell
 from turtlebot_gym.values import Belief
 
-LEAST_BEAMS = 5
-"""Fewest beams on known ground that a scan needs."""
-SETTLED = 1e-4
-"""Sum of the changes, m and rad, at which the descent ends."""
-STARTS = 4
-"""Starts from which the descent is tried."""
+LEAST_BEAMS = 5  # fewest beams on known ground that a scan needs
+SETTLED = 1e-4  # sum of the changes, m and rad, at which the descent ends
+STARTS = 4  # starts from which the descent is tried
 BETTER_FIT, BETTER_VALUE = 0.1, 1.0
 """By how much another start's share of fitting beams and log likelihood must be better than that of the prediction."""
-SIDE = 0.14
-"""Distance between two starts, m."""
+SIDE = 0.14  # distance between two starts, m
 WIDTH = 0.2
 """Residual at which a beam's `agreement` has fallen to a half, m, for starts; the descent takes them the rest of the way."""
-APART, TURNED = 0.2, 0.12
-"""Distance and turn from which on two starts, or two hypotheses, are different ones; m, rad."""
+APART, TURNED = 0.2, 0.12  # distance and turn from which on two starts, or two hypotheses, are different ones; m, rad
 MOST_ALONG, MOST_TURNS = 6, 48
 """Most starts on each side of the prediction along an axis, and in heading: a leap of odometry's heading is within."""
-WIDE = 3.0
-"""Standard deviations of the prediction's heading that starts span, where that is more than `swing`."""
-_SLACK = 1e-6
-"""Number of beams by which a sum of agreements must miss a bound: more than rounding."""
+WIDE = 3.0  # standard deviations of the prediction's heading that starts span, where that is more than `swing`
+ON_SURFACE = 0.75  # distance within which a beam is at a surface, in cells
+BEGIN = 0.1  # distance from the LiDAR from which on a beam is followed, m: the robot itself may stand close to a wall
+SILENT_BEAMS = 0.2
+"""Share of a scan's beams that may end in the unknown without a loss: a pose of which the map knows little is not confirmed."""
+AGAINST = 0.1  # share of beams that must speak against a pose to contradict it
+BLIND_STEP = 4.0  # step of a beam through the unknown, in cells
+_SLACK = 1e-6  # number of beams by which a sum of agreements must miss a bound: more than rounding
 
 
 class Descent(NamedTuple):
@@ -52,7 +54,55 @@ class Descent(NamedTuple):
     fits: float
     used: float
     agrees: float
-    """Share of beams that agree, see `passing.agreeing`."""
+    """Share of beams that agree, see `agreeing`."""
+
+
+@kernel
+def distance_at(field: Any, frame: Any, x: float, y: float) -> float:
+    """Return the distance of the cell at a point, m; NaN in the unknown and beside the map."""
+    rows, columns = field.shape
+    dx, dy, per_cell = x - float(frame[0]), y - float(frame[1]), 1.0 / float(frame[4])
+    across = (dx * float(frame[2]) + dy * float(frame[3])) * per_cell
+    up = (dy * float(frame[2]) - dx * float(frame[3])) * per_cell
+    inside = (across >= 0.0) & (up >= 0.0) & (across < columns) & (up < rows)
+    return at_cell(field, int(up), int(across)) if inside else float("nan")
+
+
+@kernel
+def verdict(sight: ScanPoints, at: Guess, q: LocalizerTuning) -> tuple[float, float, float]:
+    """Return the shares of a scan's beams that speak for a pose, against it, and not at all.
+
+    For it are ends near a surface, against it beams through a surface, and `short` of those that end short.
+    """
+    field, frame, points, number = sight
+    sine, cosine = sincos(at.theta)
+    side, fit, against, silent = float(frame[4]), 0.0, 0.0, 0.0
+    for k in range(number):
+        length, dx, dy = float(points[LENGTH, k]), float(points[DX, k]), float(points[DY, k])
+        end_x, end_y = float(points[X, k]), float(points[Y, k])
+        x, y = at.x + cosine * end_x - sine * end_y, at.y + sine * end_x + cosine * end_y
+        ux, uy = cosine * dx - sine * dy, sine * dx + cosine * dy
+        deviation = max(q.deviation, q.deviation_share * length)
+        near = max(NEAR, q.gate * sqrt(deviation * deviation + q.grain * q.grain))
+        d = distance_at(field, frame, x, y)
+        if d == d and abs(d) < near:
+            fit += 1.0
+            continue
+        passes, back = False, length - BEGIN
+        while back > near and not passes:
+            before = distance_at(field, frame, x - back * ux, y - back * uy)
+            passes = before < ON_SURFACE * side
+            back -= max(before - 0.5 * side, side) if before == before else BLIND_STEP * side
+        against += 1.0 if passes else (q.short if d == d else 0.0)
+        silent += 0.0 if passes or d == d else 1.0
+    return fit / max(number, 1), against / max(number, 1), silent / max(number, 1)
+
+
+@kernel
+def agreeing(sight: ScanPoints, at: Guess, q: LocalizerTuning) -> float:
+    """Return the share of the beams that speak for a pose among those that speak; too many silent ones count as against it."""
+    fit, against, silent = verdict(sight, at, q)
+    return fit / max(fit + against + max(silent - SILENT_BEAMS, 0.0), 1e-9)
 
 
 @kernel
@@ -77,15 +127,6 @@ def descend(
         if change < SETTLED and (step >= q.wide_steps or q.wide_steps >= q.iterations):
             break
     return end
-
-
-@kernel
-def judged(end: Descent, sight: ScanPoints, q: LocalizerTuning) -> Descent:
-    """Return a descent with the share of beams that agree with its end."""
-    agrees = end.agrees
-    if q.short < 1.0 and 1.0 - end.fits > q.suspicion:  # else nearly all beams fit, or the others count as much
-        agrees = max(agreeing(sight, end.at, q), end.fits)
-    return end._replace(agrees=agrees)
 
 
 @kernel
@@ -217,7 +258,9 @@ def best_descent(
     while k < count:  # a single call of the descent: code for a second one would take long to compile
         if k >= 0:
             start = Guess(starts[k, 0], starts[k, 1], starts[k, 2], scale.mean)
-        end = judged(descend(sight, now if k < 0 else wide, scale, start, bias, q, drift), sight, q)
+        end = descend(sight, now if k < 0 else wide, scale, start, bias, q, drift)
+        if q.short < 1.0 and 1.0 - end.fits > q.suspicion:  # else nearly all beams fit, or the others count as much
+            end = end._replace(agrees=max(agreeing(sight, end.at, q), end.fits))
         in_doubt = k >= 0 or end.agrees < q.doubt or end.nis > q.gate * q.gate * end.freedom
         if k < 0:
             best = end

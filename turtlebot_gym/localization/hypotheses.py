@@ -20,11 +20,11 @@ import numpy as np
 from turtlebot_gym.estimation.sixth import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization import bank as banks
+from turtlebot_gym.localization import descent
 from turtlebot_gym.localization.bank import AGE, AGREES, FITS, LAST, LOG_WEIGHT, MOST, NONE, OFF, RIGHT, TRIAL, UNLIKELY
 from turtlebot_gym.localization.descent import APART, LEAST_BEAMS, TURNED, WIDTH, agreement, descend, gain_of, keep
 from turtlebot_gym.localization.information import Guess, ScanPoints, fetch_ends
 from turtlebot_gym.localization.localizer import CALM, HABIT, SILENT, SURE, Located, locate, scan
-from turtlebot_gym.localization.passing import AGAINST, SILENT_BEAMS, agreeing, verdict
 from turtlebot_gym.localization.points import Timing, pose_of, swept, to_points
 from turtlebot_gym.localization.seek import seek
 from turtlebot_gym.localization.tuning import LocalizerTuning
@@ -32,33 +32,27 @@ from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.rooms.scene import LocalizerMemory
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 
-CYCLE = 4
-"""Scans from one search of the whole map, or decision, to the next."""
+CYCLE = 4  # scans from one search of the whole map, or decision, to the next
 PATIENCE = 4 * CYCLE
 """Scans after which a belief that is in doubt is confirmed if it is the best hypothesis, or the whole map is searched anew."""
 FADING, BONUS, LATE = 0.95, 1.0, 3.0
 """Share of the logarithm of a weight that stays after a scan; added to that of a belief that is in doubt; and lost by a place
 that a later search finds, beside those that are followed."""
-FINE = 0.1
-"""Residual at which a beam's agreement has fallen to a half, m, for hypotheses that have descended."""
-POSITION, TURN = 0.15, 0.1
-"""Standard deviations of a hypothesis, m and rad: the next scan descends from there."""
+FINE = 0.1  # residual at which a beam's agreement has fallen to a half, m, for hypotheses that have descended
+POSITION, TURN = 0.15, 0.1  # standard deviations of a hypothesis, m and rad: the next scan descends from there
 CLEAR, UNEXPLAINED, LITTLE = 0.95, 1.0 / 3.0, 0.15
 """Share of fitting beams that another place needs to replace the belief, and how much of what the belief leaves unexplained of
 all scans since the search, or of these scans, it may leave unexplained: people on half of the beams hide the true place, and
 some other fits all beams of a scan by chance."""
-OBVIOUS = 0.25
-"""Share of what the belief leaves unexplained below which another place takes over after one cycle."""
+OBVIOUS = 0.25  # share of what the belief leaves unexplained below which another place takes over after one cycle
 PER_METRE, ENOUGH, WELL, LEAD = 30.0, 100.0, 0.75, 6.0
 """Scans that a metre of way counts, since scans from one place are alike; and evidence after which a place is believed that
 people hide in part, if this share of its beams agrees, and its logarithm of the weight leads all others by so much."""
 LIKE = 0.05
 """Difference in agreement within which places are alike: if a search finds only such ones, as in a long corridor, the true
 place may be none of them."""
-ITSELF = 0.65
-"""Share of agreeing beams that a belief in doubt needs to be confirmed."""
-FAR = 1e4
-"""Variance of an unknown pose, m^2 and rad^2."""
+ITSELF = 0.65  # share of agreeing beams that a belief in doubt needs to be confirmed
+FAR = 1e4  # variance of an unknown pose, m^2 and rad^2
 PROBATION, WORSE = 1000.0, 0.12
 """Evidence for which a place that is believed anew is on trial, and by how much fewer beams may fit then than usual: where a
 place only looks alike, they end short of its walls sooner or later."""
@@ -109,7 +103,7 @@ def _refine(
             dx, dy, theta = at.x - mean.x, at.y - mean.y, wrap(at.theta)
             is_own = dx * dx + dy * dy < APART * APART and abs(wrap(theta - mean.theta)) < TURNED
             if not (is_own and bank[MOST, LOG_WEIGHT] > NONE):
-                agrees = banks.averaged(float(bank[k, AGREES]), age, agreeing(sight, at, q))
+                agrees = banks.averaged(float(bank[k, AGREES]), age, descent.agreeing(sight, at, q))
                 fits = banks.averaged(float(bank[k, FITS]), age, end.fits * sight.number / max(end.used, 1.0))
                 guess = (at.x, at.y, theta, end.fits, explained, agrees, age + more, fits)
                 value = FADING * float(bank[k, LOG_WEIGHT]) + gain * explained
@@ -136,7 +130,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
         at, own_age = Guess(mean.x, mean.y, mean.theta, located.scale.mean), float(bank[MOST, AGE])
         explained = agreement(sight, at, FINE, 0.0, float(bank[LAST, RIGHT]))
         own = FADING * own + gain_of(sight.number, q) * explained
-        bank[MOST, AGREES] = banks.averaged(float(bank[MOST, AGREES]), own_age, agreeing(sight, at, q))
+        bank[MOST, AGREES] = banks.averaged(float(bank[MOST, AGREES]), own_age, descent.agreeing(sight, at, q))
         bank[MOST, AGE] = own_age + more
         bank[MOST, 1] += 1.0 - explained
         bank[MOST, 2] += unexplained
@@ -191,7 +185,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
     fresh = Sixth(0.0, q.scale * q.scale, Pose(0.0, 0.0, 0.0))
     # A place that is only the likeliest is nothing to drive by: the robot is lost until it is sure.
     misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, weight, max(silent, 2.0 * SILENT))
-    agrees = agreeing(sight, Guess(best.x, best.y, best.theta, 0.0), q) if count > 0 else 0.0
+    agrees = descent.agreeing(sight, Guess(best.x, best.y, best.theta, 0.0), q) if count > 0 else 0.0
     located = located._replace(belief=belief, nis=0.0, scale=fresh, fits=fits, taken=0.0, slack=1.0, scans=located.scans + 1.0)
     return located._replace(misfits=misfits, weight=weight, agrees=agrees, silent=silent)
 
@@ -205,10 +199,10 @@ def _kept(located: Located, after: Located, bank: Any, sight: ScanPoints, wheels
     mean, was_right = after.belief.mean, bank[LAST, RIGHT] > 0.0 and located.nis != 0.0  # 0 for a new belief
     is_right, fit, against, unknown, usual = after.agrees >= q.trust, after.fits, 0.0, 0.0, float(bank[TRIAL, 1])
     if not is_right or bank[TRIAL, 0] > 0.0:
-        fit, against, unknown = verdict(sight, Guess(mean.x, mean.y, mean.theta, after.scale.mean), q)
+        fit, against, unknown = descent.verdict(sight, Guess(mean.x, mean.y, mean.theta, after.scale.mean), q)
     bank[LAST, OFF] = 0.0 if is_right else bank[LAST, OFF]
-    if was_right and not is_right and against <= max(AGAINST, fit):
-        is_right, bank[LAST, OFF] = True, max(bank[LAST, OFF], 1.0 if unknown > SILENT_BEAMS else 0.0)
+    if was_right and not is_right and against <= max(descent.AGAINST, fit):
+        is_right, bank[LAST, OFF] = True, max(bank[LAST, OFF], 1.0 if unknown > descent.SILENT_BEAMS else 0.0)
     if is_right and after.agrees < 0.7 * q.doubt:
         after = after._replace(belief=located.belief, scale=located.scale)
     bank[LAST, RIGHT] = 1.0 if is_right else 0.0

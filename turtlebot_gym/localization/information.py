@@ -31,6 +31,7 @@ FLAT = 0.5
 BACK = 2.0
 """... and how far before it along the beam, in cells, the side is in sight that the beam has met: in a wall of two cells the
 field is flat. Without it, ranges that are too long would inform less than those that are too short."""
+NEAR = 0.15  # distance from a surface up to which a beam fits, m, whatever the belief
 LEAST_PIVOT = 1e-10
 """Share of a diagonal entry below which a pivot is rounding: there is no information in its direction."""
 BLOCK = 32
@@ -133,7 +134,7 @@ def _rate(room: Any, k: int, P: Covariance, sixth: Sixth, q: LocalizerTuning, dr
     )
     weight = 1.0 / (1.0 + d * d / (max(S, R) * wide))
     room[_GT + k], room[_GS + k], room[_WEIGHT + k] = gt, gs, weight * weight / R if known else 0.0
-    room[_FITS + k] = 1.0 if known & (d * d < max(q.near * q.near, wide * R)) else 0.0
+    room[_FITS + k] = 1.0 if known & (d * d < max(NEAR * NEAR, wide * R)) else 0.0
 
 
 @kernel

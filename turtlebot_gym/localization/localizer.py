@@ -30,15 +30,17 @@ from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
 
 FRESH, LEAST_TAKE = 0.5, 1e-9
 """Share of the map's remaining information on a place that one scan uses, and its least value: the variance stays finite."""
-FITTING = 0.9
-"""Share of fitting beams from which a surprise is attributed to the wheels."""
-LEAP = 0.3
-"""Correction by one scan, m or rad, after which the whole map is searched too."""
+FORGOTTEN, FORGOTTEN_TURN = 0.5, 1.0  # way and turn after which errors of the map are independent, m and rad
+USUAL, KEPT = 0.7, 0.8
+"""Normalized innovation squared of a scan per degree of freedom where nothing is wrong: below 1, since beams rarely differ as
+much as map and LiDAR may; share of `Located.slack` that stays after a scan without any surprise."""
+LOOSEN = 0.03  # standard deviation added by a scan that no start explains, m; half of it in rad
+FITTING = 0.9  # share of fitting beams from which a surprise is attributed to the wheels
+LEAP = 0.3  # correction by one scan, m or rad, after which the whole map is searched too
 UNUSUAL, HABIT, CALM = 2.0, 100.0, 40.0
 """Factor of the usual share of beams that do not fit, see `LocalizerTuning.suspicion`; scans over which the localizer learns
 that share; and scans for which it does not look elsewhere again once it has seen that it is right."""
-SURE = 0.95
-"""Weight from which on the best hypothesis is believed."""
+SURE = 0.95  # weight from which on the best hypothesis is believed
 SHARED = 3.0
 """Factor of the drift since a beam was measured, where beams count the less the older they are: they share that drift."""
 HIDDEN = 0.25
@@ -79,7 +81,7 @@ class Located(NamedTuple):
     strays: float
     """Share of a scan's beams that usually disagree: the map lacks something, or people walk about."""
     agrees: float
-    """Share of the last scan's beams that agree with the belief, see `passing.agreeing`; 1 before the first."""
+    """Share of the last scan's beams that agree with the belief, see `descent.agreeing`; 1 before the first."""
     silent: float
     """Time since a scan agreed with the belief, s."""
 
@@ -130,7 +132,7 @@ def move(
     drift = (drift[0] * located.slack, drift[1] * located.slack)
     spread = _spread(moved, mean.theta, way, turn, drift, q)
     scale = scale._replace(column=Pose(c.x - dy * c.theta, c.y + dx * c.theta, c.theta))
-    taken = located.taken * max(1.0 - way / q.length - turn / q.angle, 0.0)
+    taken = located.taken * max(1.0 - way / FORGOTTEN - turn / FORGOTTEN_TURN, 0.0)
     located = located._replace(taken=taken, moves=located.moves + 1.0, silent=located.silent + dt)
     belief = Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), spread)
     return located._replace(belief=belief, scale=scale, way_drift=drift[0], turn_drift=drift[1])
@@ -164,14 +166,14 @@ def scan(located: Located, sight: ScanPoints, q: LocalizerTuning, unseen: tuple[
     if end.freedom == 0.0:  # a scan without beams says nothing; beams on unknown ground contradict the belief
         return _contradicted(located, q) if sight.number >= LEAST_BEAMS else located
     bad, agrees = 0.7 * q.doubt, end.agrees  # below this share no start has explained the scan
-    loose = q.loosen * q.loosen * max(1.0 - agrees / bad, 0.0) if bad > 0.0 else 0.0
+    loose = LOOSEN * LOOSEN * max(1.0 - agrees / bad, 0.0) if bad > 0.0 else 0.0
     hidden = since + HIDDEN * during
     drift, turn_drift = 0.5 * hidden * located.way_drift, hidden * located.turn_drift
     belief = wrapped(widened(end.belief, loose + drift, 0.25 * loose + turn_drift))
     surprise = end.nis / end.freedom
     # Where beams do not fit, the map surprises and not the wheels.
-    by_wheels = min(surprise / q.usual, q.gate * q.gate) if end.fits >= FITTING else min(surprise, 1.0)
-    growth = q.memory + (1.0 - q.memory) * by_wheels  # 1 where scans surprise as much as they should
+    by_wheels = min(surprise / USUAL, q.gate * q.gate) if end.fits >= FITTING else min(surprise, 1.0)
+    growth = KEPT + (1.0 - KEPT) * by_wheels  # 1 where scans surprise as much as they should
     slack = min(max(located.slack * growth, 1.0), q.widening)
     before, astray = max(located.misfits, 0.0), 1.0 - agrees
     is_strange = astray > UNUSUAL * located.strays + q.suspicion

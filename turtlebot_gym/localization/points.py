@@ -68,13 +68,9 @@ def to_points(ranges: Any, beams: Any, turn: int, timing: Timing, trail: Any, po
 
     They are evenly spread over those with a measurement; the others are NaN, infinite, not positive, or beyond the range.
 
-    Args:
-        ranges: Shape (B,), m.
-        beams: Directions in the robot's frame, shape (2 or more, B): cosine and sine.
-        turn: Number of the scan: the beams of the next one lie between those of this one.
-        timing: When and where they were measured.
-        trail: The odometry, see `remember`; a beam older than that counts as measured at its oldest pose.
-        points: Output, shape (5, n), see `X`.
+    ``ranges`` has shape (B,), m, ``beams`` their directions in the robot's frame, shape (2 or more, B): cosine and sine. The
+    beams of scan ``turn`` + 1 lie between those of this one. A beam older than the odometry's ``trail``, see `remember`, counts
+    as measured at its oldest pose. ``points`` is the output, shape (5, n), see `X`.
     """
     number, k, used, measured = len(ranges), len(trail) - 2, 0, 0
     valid = np.empty(number, np.int64)  # beams with a measurement; without a branch, which would be mispredicted

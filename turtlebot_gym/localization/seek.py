@@ -20,13 +20,11 @@ from turtlebot_gym.rooms.field import at_cell
 
 SPACING, DIRECTIONS = 0.2, 72
 """Distance between two places, m, and number of directions: a beam still ends within `WIDTH` of the surface that it hit."""
-CLEARANCE = 0.1
-"""Least distance of a place from a surface, m."""
+CLEARANCE = 0.1  # least distance of a place from a surface, m
 MANY, PART, NEARLY = 40, 3, 0.2
 """Number of beams from which on one of so many is tried first, and by how much less a place may then agree than the last of the
 best."""
-APART, TURNED = 0.5, 0.35
-"""Distance and turn from which on two poses are different hypotheses; m, rad."""
+APART, TURNED = 0.5, 0.35  # distance and turn from which on two poses are different hypotheses; m, rad
 
 
 def _rate_each(row, agrees):

@@ -32,10 +32,6 @@ class LocalizerTuning:
     """Standard deviation of a position by errors of the map around it, m."""
     turn_bias: Annotated[float, NON_NEGATIVE] = 0.0002
     """The same for a heading, rad."""
-    length: Annotated[float, POSITIVE] = 0.5
-    """Distance after which errors of the map are independent, m."""
-    angle: Annotated[float, POSITIVE] = 1.0
-    """Turn after which they are independent, rad."""
     gate: Annotated[float, POSITIVE] = 3.0
     """Standard deviations beyond which a beam counts little."""
     iterations: Annotated[int, ONE_OR_MORE] = 4
@@ -62,13 +58,6 @@ class LocalizerTuning:
     """... and as a share of a step's turn."""
     widening: Annotated[float, Range(1.0, 1e4)] = 1000.0
     """Largest factor of the wheels' variances, which grow until scans surprise no more than they should; 1 for none."""
-    usual: Annotated[float, POSITIVE] = 0.7
-    """Normalized innovation squared of a scan per degree of freedom where nothing is wrong: below 1, since beams rarely
-    differ as much as map and LiDAR may."""
-    memory: Annotated[float, PROBABILITY] = 0.8
-    """Share of that factor that stays after a scan without any surprise."""
-    near: Annotated[float, POSITIVE] = 0.15
-    """Distance from a surface up to which a beam fits, m, whatever the belief."""
     doubt: Annotated[float, PROBABILITY] = 0.7
     """Share of agreeing beams below which starts all around the prediction are tried; 0 for never."""
     short: Annotated[float, PROBABILITY] = 1.0
@@ -82,8 +71,6 @@ class LocalizerTuning:
     """Least turn of these starts, rad."""
     temper: Annotated[float, PROBABILITY] = 0.1
     """Share of a scan's log likelihood that counts where starts are compared: neighbouring beams see the same surfaces."""
-    loosen: Annotated[float, NON_NEGATIVE] = 0.03
-    """Standard deviation added by a scan that no start explains, m; half of it in rad."""
     lead: Annotated[float, NON_NEGATIVE] = 0.0
     """By how much the logarithm of a place's weight must lead all others before it is believed."""
     trust: Annotated[float, PROBABILITY] = 0.0
