@@ -18,34 +18,25 @@ MOST_BODIES, COLUMNS = 64, 10
 X, Y, UX, UY, AT, VARIANCE, RADIUS, WHOLE, MOVED, TAKEN = range(COLUMNS)
 """Most bodies of a scan, and their columns: position in the odometry's frame, m; unit vector towards it; time, s; variance of
 each coordinate, m^2; radius, m; 1 if no side is hidden; 1 if the place was free before; and 1 if used."""
-GAP = 2
-"""Most beams without a return inside of a run."""
+GAP = 2  # most beams without a return inside of a run
 POST = 0.15
 """Greatest angle of beams that have never returned anything inside of a run, rad: a post beside the LiDAR hides it."""
 JUMP, LEAST_JUMP = 4.0, 0.15
 """Difference of neighbouring ranges that ends a run, in standard deviations of a range and at least, m."""
-TOUCH = 0.05
-"""How much farther than the least range that can be measured the edge of what is too near may be, m."""
-TOO_NEAR = 0.75
-"""Mean range of what is too near to be measured, as a share of the least that can be."""
-LEAST_BEAMS = 3
-"""Fewest beams of a body."""
+TOUCH = 0.05  # how much farther than the least range that can be measured the edge of what is too near may be, m
+TOO_NEAR = 0.75  # mean range of what is too near to be measured, as a share of the least that can be
+LEAST_BEAMS = 3  # fewest beams of a body
 LEAST_RADIUS, MOST_RADIUS, USUAL_RADIUS = 0.02, 0.45, 0.25
 """Radii of what may be a leg or a person, and that of a person of whom a part is hidden, m."""
-DEPTH = 0.785
-"""Mean distance of a round body's visible points from its nearest one, in radii, subtracted from 1: pi / 4."""
+DEPTH = 0.785  # mean distance of a round body's visible points from its nearest one, in radii, subtracted from 1: pi / 4
 SHAPE, HIDDEN, NARROW, LEGS = 0.01, 0.05, 0.12, 0.06
 """Standard deviations of a place since bodies are not round, a part is hidden, all but a narrow part is, and legs swing; m."""
-LEG_RADIUS, STRIDE = 0.13, 0.6
-"""Greatest radius of a leg, and distance between two legs of a person, m."""
-TWO = 0.33
-"""Radius from which on a run may be two bodies side by side, m; they meet at the beam of the longest range."""
+LEG_RADIUS, STRIDE = 0.13, 0.6  # greatest radius of a leg, and distance between two legs of a person, m
+TWO = 0.33  # radius from which on a run may be two bodies side by side, m; they meet at the beam of the longest range
 MEET, MEET_SHARE = 0.03, 2.0
 """Least amount by which the ranges on both sides of that beam are shorter: m, and standard deviations of a range."""
-BEGUN = 0.08
-"""Least radius of a run that reaches the end of a revolution and counts as a person, m; most legs are narrower."""
-JUST = 1e-6
-"""Subtracted from the time of such a run, s, so that the whole body of the next revolution is later."""
+BEGUN = 0.08  # least radius of a run that reaches the end of a revolution and counts as a person, m; most legs are narrower
+JUST = 1e-6  # subtracted from the time of such a run, s, so that the whole body of the next revolution is later
 
 
 class Run(NamedTuple):

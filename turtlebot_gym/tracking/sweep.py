@@ -10,15 +10,12 @@ from turtlebot_gym.localization.points import pose_within
 from turtlebot_gym.models.angles import PI, TWO_PI, sincos
 from turtlebot_gym.values import Pose
 
-BINS = 360
-"""Directions in which a LiDAR is known to return something or not."""
-PAST, EVERY = 6, 0.4
-"""Number of scans that are remembered, and least time between two of them, s."""
+BINS = 360  # directions in which a LiDAR is known to return something or not
+PAST, EVERY = 6, 0.4  # number of scans that are remembered, and least time between two of them, s
 NUMBER, LAST, INTERVAL, TURNED, FIRST, STEP, HEAD = range(7)
 """Head of a remembered scan: number of beams; time of the last one, and between two, s; turn of the odometry until then, rad;
 direction of the first beam in the robot's frame, and from each to the next, rad. `HEAD` is its length."""
-TURN_SHARE = 0.04
-"""Standard deviation of the odometry's heading, as a share of its turns."""
+TURN_SHARE = 0.04  # standard deviation of the odometry's heading, as a share of its turns
 LEAST_MARGIN, MARGIN = 0.15, 4.0
 """How much farther than a point a beam must have been measured to have passed it: at least, m, and in standard deviations."""
 

@@ -1,4 +1,4 @@
-"""The tracker: what it remembers, and its steps when odometry or a scan arrives; what a policy sees, `tracks.look` writes."""
+"""The tracker: what it remembers, and its steps when odometry or a scan arrives; and the tracks as a message has them."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.points import remember, rest
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
+from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS, TRACKS
 from turtlebot_gym.tracking.bodies import COLUMNS, MOST_BODIES, find_bodies, mark_moved
 from turtlebot_gym.tracking.sweep import BINS, EVERY, HEAD, NUMBER, PAST, Sweep, keep_scan
 from turtlebot_gym.tracking.tracks import CAPACITY, FIELDS, NONE, STATE, follow
 from turtlebot_gym.values import Pose
 
-TAIL = 4
-"""Share of a revolution that a body may cover, its inverse."""
+TAIL = 4  # share of a revolution that a body may cover, its inverse
 _TURNED, _SLOT, _KEPT = range(3)
+POINT_FIELDS = ("x", "y", "vx", "vy", "position_deviation", "velocity_deviation", "radius", "certainty", "z")
+"""Fields of a track as a point: the numbers of the term "tracks", and a height of zero, without which viewers show nothing."""
+FLOAT32 = 7  # type of each field, as in ``sensor_msgs/PointField``
 
 
 class TrackerMemory(NamedTuple):
@@ -93,3 +96,18 @@ def on_scan(memory: TrackerMemory, ranges: Any, sweep: Sweep) -> None:
     if sweep.last - clock[_KEPT] >= EVERY - 1e-6:
         keep_scan(past[int(clock[_SLOT])], ranges, sweep, trail, clock[_TURNED])
         clock[_SLOT], clock[_KEPT] = (clock[_SLOT] + 1.0) % PAST, sweep.last
+
+
+def tracks_of(message: Any) -> NDArray[np.float64]:
+    """Return the tracks in a ``sensor_msgs/PointCloud2``, shape (`NEAREST`, 8), see `observations.TRACKS`.
+
+    Raises:
+        ValueError: If there are not `NEAREST` points with the fields `POINT_FIELDS`, or a number is not finite.
+    """
+    fields = [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
+    expected = [(name, 4 * at, FLOAT32, 1) for at, name in enumerate(POINT_FIELDS)]
+    size = NEAREST * 4 * len(POINT_FIELDS)
+    if fields != expected or message.is_bigendian or len(message.data) != size:
+        raise ValueError(f"tracks must be {NEAREST} points of the fields {', '.join(POINT_FIELDS)} in float32")
+    rows = np.frombuffer(bytes(message.data), "<f4").reshape(NEAREST, -1)[:, :-1]
+    return np.reshape(TRACKS.read(rows.ravel()), rows.shape)

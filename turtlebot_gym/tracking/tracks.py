@@ -18,16 +18,13 @@ from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
 from turtlebot_gym.tracking.bodies import AT, DEPTH, MOVED, RADIUS, TAKEN, UX, UY, VARIANCE, WHOLE, X, Y
 from turtlebot_gym.values import Command, Pose
 
-CAPACITY, FIELDS = 12, 14
-"""Most tracks, and how many numbers each has."""
+CAPACITY, FIELDS = 12, 14  # most tracks, and how many numbers each has
 STATE, TIME, PX, PY, VX, VY, PP, PV, VV, SIZE, SCORE, SEEN, BEGAN_X, BEGAN_Y = range(FIELDS)
 """Columns of tracks: `NONE`, `TENTATIVE` or `MOVES`; time, s; position and velocity, m and m/s; their variances and covariance;
 mean radius, m; evidence; time at which it last was where it had been free, s; and the place where it began, m."""
 NONE, TENTATIVE, MOVES = 0.0, 1.0, 2.0
-ACCELERATION = 0.5
-"""Power spectral density of the acceleration of each coordinate, m^2/s^3."""
-FIRST_SPEED = 0.8
-"""Standard deviation of each coordinate of a new track's velocity, m/s."""
+ACCELERATION = 0.5  # power spectral density of the acceleration of each coordinate, m^2/s^3
+FIRST_SPEED = 0.8  # standard deviation of each coordinate of a new track's velocity, m/s
 GATE, STATIC = 14.0, 4.0
 """Squared distance in standard deviations up to which a body may be a track's; added to that of a body that may always have
 been there."""
@@ -37,12 +34,9 @@ PART, DOUBT = 0.5, 0.5
 """Evidence of a body that moved, of which a part was hidden, instead of 1; and against one that may always have been there."""
 NARROW, CONFIRMED_NARROW = 0.1, 5.0
 """Mean radius below which a track may be the leg of a chair, m, and the evidence from which on it counts then."""
-APART = 0.4
-"""Least distance of a new track from others, m: nearer bodies are a person's legs."""
-SLOW, WAY = 0.2, 0.25
-"""Least speed of a track that begins to count, m/s, and least distance from where it began, m."""
-RESIZED, SIZES = 0.03, 0.1
-"""Most by which a scan changes the mean radius, m, and its share."""
+APART = 0.4  # least distance of a new track from others, m: nearer bodies are a person's legs
+SLOW, WAY = 0.2, 0.25  # least speed of a track that begins to count, m/s, and least distance from where it began, m
+RESIZED, SIZES = 0.03, 0.1  # most by which a scan changes the mean radius, m, and its share
 FORGOTTEN, UNTRIED, FRESH, STANDS = 1.0, 0.5, 0.5, 8.0
 """Times after which a track ends without a body, and if it does not count yet; without a body, after which it is not reported;
 and after which it ends without sign of motion; s."""

@@ -23,7 +23,7 @@ from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
 from turtlebot_gym.rooms.grid import grid_of
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.scan import Obstacles, Scan, read_scan, room_of, scan_of
-from turtlebot_gym.tracking.messages import tracks_of
+from turtlebot_gym.tracking.tracker import tracks_of
 from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_lab.drives.streams import Stream
 from turtlebot_gym_lab.drives.transforms import Transforms

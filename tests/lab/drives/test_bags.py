@@ -10,7 +10,7 @@ from drawing import draw
 from drive_samples import recorded
 from rosbag_messages import ODOMETRY, POINT, POSE, TF, TRANSFORM, TWIST, Plugin, header, make, odometry, point, pose, write_bag
 
-from turtlebot_gym.tracking.messages import FIELDS, FLOAT32
+from turtlebot_gym.tracking.tracker import FLOAT32, POINT_FIELDS
 from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.drives.reading import pose_sensors
 from turtlebot_gym_lab.drives.topics import Topics
@@ -233,9 +233,9 @@ def room():
 
 def tracks(seconds, numbers):
     """Return tracks as points, one for each row of numbers."""
-    fields = [make("sensor_msgs/msg/PointField", name, 4 * at, FLOAT32, 1) for at, name in enumerate(FIELDS)]
+    fields = [make("sensor_msgs/msg/PointField", name, 4 * at, FLOAT32, 1) for at, name in enumerate(POINT_FIELDS)]
     data = np.frombuffer(np.pad(numbers, ((0, 0), (0, 1))).astype("<f4").tobytes(), np.uint8)
-    number, size = len(numbers), 4 * len(FIELDS)
+    number, size = len(numbers), 4 * len(POINT_FIELDS)
     return make(CLOUD, header(seconds, "base"), 1, number, fields, False, size, number * size, data, True)
 
 

@@ -24,7 +24,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from turtlebot_gym.beams import TURN
 from turtlebot_gym.rooms.grid import GridMap, grid_of
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan, room_of, scan_of
-from turtlebot_gym.tracking.messages import FIELDS, tracks_of
+from turtlebot_gym.tracking.tracker import POINT_FIELDS, tracks_of
 from turtlebot_gym_ros.node.block import Correction, Tracks
 from turtlebot_gym_ros.node.geometry import Conversion, read_pose, transform_to, unread, write_pose
 
@@ -110,11 +110,11 @@ def _write_grid(grid: GridMap, header: Header) -> OccupancyGrid:
 
 
 def _write_tracks(tracks: Tracks, header: Header) -> PointCloud2:
-    rows = np.asarray(tracks, np.float32).reshape(-1, len(FIELDS) - 1)
+    rows = np.asarray(tracks, np.float32).reshape(-1, len(POINT_FIELDS) - 1)
     data = np.column_stack([rows, np.zeros(len(rows), np.float32)]).astype("<f4")
-    message = PointCloud2(header=header, height=1, width=len(rows), point_step=4 * len(FIELDS), is_dense=True)
+    message = PointCloud2(header=header, height=1, width=len(rows), point_step=4 * len(POINT_FIELDS), is_dense=True)
     message.fields = [
-        PointField(name=name, offset=4 * at, datatype=PointField.FLOAT32, count=1) for at, name in enumerate(FIELDS)
+        PointField(name=name, offset=4 * at, datatype=PointField.FLOAT32, count=1) for at, name in enumerate(POINT_FIELDS)
     ]
     message.row_step, message.data = data.nbytes, array("B", data.tobytes())
     return message
