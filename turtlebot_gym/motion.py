@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.values import STOP, Command
 
-MEMORY = 3.0
-"""Time for which commands to the wheels are stored, s: longer than the age of any valid scan."""
+MEMORY = 3.0  # time for which commands to the wheels are stored, s: longer than the age of any valid scan
 
 
 class Motion(NamedTuple):

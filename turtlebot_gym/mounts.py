@@ -12,10 +12,8 @@ from turtlebot_gym.values import Pose
 
 FAR, MOST = 1e5, 1000
 """Distance beyond which nothing is mounted on a robot, m, and most frames that are known: no robot has more."""
-TILT = 0.05
-"""Greatest tilt of a LiDAR's plane, rad: 0.05 m at 1 m."""
-SAME_PLACE, SAME_WAY = 0.02, 0.05
-"""Difference up to which two poses of a frame are the same, m and rad."""
+TILT = 0.05  # greatest tilt of a LiDAR's plane, rad: 0.05 m at 1 m
+SAME_PLACE, SAME_WAY = 0.02, 0.05  # difference up to which two poses of a frame are the same, m and rad
 
 
 class StaticFrames:

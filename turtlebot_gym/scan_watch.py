@@ -41,18 +41,15 @@ from turtlebot_gym.motion import Motion, Track
 from turtlebot_gym.silence import AT_LIMIT, Silence, place_of
 from turtlebot_gym.values import Command
 
-LEAST_RETURNS = 10
-"""Number of returns from which equal scans mean something: noise leaves ten ranges equal once in 1e10 scans."""
-TURNED, DRIVEN, DRIVEN_BLIND = 0.02, 0.02, 0.3
-"""Motion after which a scan must have changed, rad and m."""
+LEAST_RETURNS = 10  # number of returns from which equal scans mean something: noise leaves ten ranges equal once in 1e10 scans
+TURNED, DRIVEN, DRIVEN_BLIND = 0.02, 0.02, 0.3  # motion after which a scan must have changed, rad and m
 NEAR_LINE, DARK = math.radians(15.0), 0.5
 """Angle from the line of travel within which a return must change by nearly the whole way; time without enough returns after
 which a LiDAR counts as covered, s."""
 STEP, LEAST_TURN, WIDE = 0.06, 0.3, 1.0
 """Way between two scans that are compared for the mount, m: twice the noise of a range at 1 m; turn between two that are
 compared without a way, and turn from which they are not compared, rad."""
-BINS, COMMON = 180, 15
-"""Most directions in which two scans are compared, and least number of those with returns in both."""
+BINS, COMMON = 180, 15  # most directions in which two scans are compared, and least number of those with returns in both
 CAP, BETTER = 0.15, 0.6
 """Largest misfit that counts, m: a larger one is an edge, or somebody who walks; and share of the mount's own misfit below
 which another mount fits clearly better."""

@@ -26,22 +26,16 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.beams import TURN, Beams
 
-SHARE, FARTHEST = 0.8, 6.0
-"""Share of ``range_max``, and range, m, from which an edge may be that of the LiDAR's reach."""
-KEPT, LEFT = 0.035, 0.25
-"""Angle within which an edge keeps its direction, and by which a still surface would have left it, rad."""
-SCANS = 6
-"""Least number of scans in which it has kept it."""
-HEALED = 10
-"""Scans in a row in which an unknown direction must return something."""
-AT_LIMIT = 0.99
-"""Share of ``range_max`` from which a range says that nothing returned."""
+SHARE, FARTHEST = 0.8, 6.0  # share of ``range_max``, and range, m, from which an edge may be that of the LiDAR's reach
+KEPT, LEFT = 0.035, 0.25  # angle within which an edge keeps its direction, and by which a still surface would have left it, rad
+SCANS = 6  # least number of scans in which it has kept it
+HEALED = 10  # scans in a row in which an unknown direction must return something
+AT_LIMIT = 0.99  # share of ``range_max`` from which a range says that nothing returned
 TIGHT, LOOSE, FEW, BINS = 0.9, 1.5, 100, 360
 """Directions that are told apart, as a share of the beams around; beams for each from which more are told apart; most of which
 each single one counts; and most that are told apart."""
 
-Place = tuple[complex, complex]
-"""Place of a LiDAR, m, and its direction, a unit vector."""
+Place = tuple[complex, complex]  # place of a LiDAR, m, and its direction, a unit vector
 
 
 class _Edge(NamedTuple):
