@@ -16,14 +16,11 @@ MEMORY = 3.0  # time for which commands to the wheels are stored, s: longer than
 
 
 class Motion(NamedTuple):
-    """Motion since the start."""
+    """Motion since the start: the pose, m and rad, the path driven either way, m, and the sum of all turns, rad."""
 
     pose: tuple[float, float, float]
-    """m, m, rad."""
     way: float
-    """Path driven either way, m."""
     turned: float
-    """Sum of all turns, rad."""
 
 
 class Track:

@@ -12,26 +12,25 @@ from typing import Any, NamedTuple
 
 
 class Pose(NamedTuple):
-    """Planar pose in the world frame."""
+    """Planar pose in the world frame: x and y, m, and the heading theta, rad, in [-pi, pi)."""
 
     x: float
-    """m"""
     y: float
-    """m"""
     theta: float
-    """Heading, rad, in [-pi, pi)."""
 
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
 class Command(NamedTuple):
-    """Planar twist in the body frame, as commanded."""
+    """Planar twist in the body frame, as commanded: forward speed v, m/s, and turning rate omega, rad/s."""
 
     v: float
-    """Forward speed, m/s."""
     omega: float
-    """Turning rate, rad/s."""
+
+
+STOP = Command(0.0, 0.0)
+"""The command that stops a robot."""
 
 
 class State(NamedTuple):
@@ -106,7 +105,3 @@ class Belief(NamedTuple):
 
     mean: State
     covariance: Covariance
-
-
-STOP = Command(0.0, 0.0)
-"""The command that stops a robot."""

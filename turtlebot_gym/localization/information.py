@@ -42,26 +42,20 @@ ROOM = 23 * BLOCK
 
 
 class ScanPoints(NamedTuple):
-    """A scan, and the map in which it is sought."""
+    """A map as distances and their frame, see `rooms.field`, and the points of the scan that is sought in it."""
 
     field: Any
-    """Distances, see `rooms.field`."""
     frame: Any
-    """Their frame."""
     points: Any
-    """The scan, see `points.to_points`."""
     number: int
-    """Number of points."""
 
 
 class Guess(NamedTuple):
-    """A pose, and the share by which ranges are too long."""
+    """A pose, m and rad, not wrapped, and the share by which ranges are too long."""
 
     x: float
-    """m"""
     y: float
     theta: float
-    """rad, not wrapped"""
     scale: float
 
 

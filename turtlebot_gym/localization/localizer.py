@@ -139,21 +139,6 @@ def move(
 
 
 @kernel
-def stay(located: Located) -> Located:
-    """Return the localizer of a robot that stands where scans agreed, and leaves out one that would say the same again."""
-    return located._replace(silent=0.0)
-
-
-@kernel
-def _contradicted(located: Located, q: LocalizerTuning) -> Located:
-    """Return the localizer after a scan whose beams end where nothing is known: the belief has left the map."""
-    misfits = max(located.misfits, 0.0) + 1.0
-    misfits = max(misfits, 1.0 * q.patience) if located.silent > SILENT else misfits
-    weight = 0.0 if misfits >= q.patience else located.weight
-    return located._replace(fits=0.0, misfits=misfits, scans=located.scans + 1.0, weight=weight, agrees=0.0)
-
-
-@kernel
 def scan(located: Located, sight: ScanPoints, q: LocalizerTuning, unseen: tuple[float, float] = (0.0, 0.0)) -> Located:
     """Condition the belief on a scan, as seen from the present pose.
 
@@ -163,8 +148,13 @@ def scan(located: Located, sight: ScanPoints, q: LocalizerTuning, unseen: tuple[
     bias = (q.bias * q.bias / take, q.turn_bias * q.turn_bias / take)
     since, during = unseen
     end = best_descent(sight, located.belief, located.scale, bias, q, SHARED * during * located.turn_drift)
-    if end.freedom == 0.0:  # a scan without beams says nothing; beams on unknown ground contradict the belief
-        return _contradicted(located, q) if sight.number >= LEAST_BEAMS else located
+    before = max(located.misfits, 0.0)
+    if end.freedom == 0.0 and sight.number < LEAST_BEAMS:  # it says nothing
+        return located
+    if end.freedom == 0.0:  # its beams end where nothing is known: the belief has left the map
+        misfits = max(before + 1.0, 1.0 * q.patience) if located.silent > SILENT else before + 1.0
+        weight = 0.0 if misfits >= q.patience else located.weight
+        return located._replace(fits=0.0, misfits=misfits, scans=located.scans + 1.0, weight=weight, agrees=0.0)
     bad, agrees = 0.7 * q.doubt, end.agrees  # below this share no start has explained the scan
     loose = LOOSEN * LOOSEN * max(1.0 - agrees / bad, 0.0) if bad > 0.0 else 0.0
     hidden = since + HIDDEN * during
@@ -175,7 +165,7 @@ def scan(located: Located, sight: ScanPoints, q: LocalizerTuning, unseen: tuple[
     by_wheels = min(surprise / USUAL, q.gate * q.gate) if end.fits >= FITTING else min(surprise, 1.0)
     growth = KEPT + (1.0 - KEPT) * by_wheels  # 1 where scans surprise as much as they should
     slack = min(max(located.slack * growth, 1.0), q.widening)
-    before, astray = max(located.misfits, 0.0), 1.0 - agrees
+    astray = 1.0 - agrees
     is_strange = astray > UNUSUAL * located.strays + q.suspicion
     misfits = before + 1.0 if is_strange else max(before - 1.0, 0.0)
     learns = before == 0.0 and agrees >= bad  # doubtful or unexplained scans are not the usual ones

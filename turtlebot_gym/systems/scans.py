@@ -76,12 +76,6 @@ def drift_of(twist: Any, tuning: Any, dt: float) -> tuple[float, float]:
 
 
 @kernel
-def _first_estimate(senses, p):
-    """Begin at the first measurement if the start is known."""
-    return locate(senses.odometry.pose, p.tuning.R, p.localizer) if p.task.start_known else nowhere(p.localizer)
-
-
-@kernel
 def _estimate(estimate, before, senses, p, room, scene):
     """Move the belief as the wheels moved, and correct it where a scan is complete."""
     at, lidar, memory, q = int(estimate.moves) + 1, p.room.lidar, scene.memory, p.localizer
@@ -117,6 +111,10 @@ def localizing(system: System) -> System:
         )
 
     @kernel
+    def first_estimate(senses, p):
+        return locate(senses.odometry.pose, p.tuning.R, p.localizer) if p.task.start_known else nowhere(p.localizer)
+
+    @kernel
     def lay_out(key, p, scene):
         start, goal = lay_out_before(key, p, scene)
         if p.room.rules.kind != GIVEN:
@@ -130,7 +128,7 @@ def localizing(system: System) -> System:
 
     return system._replace(
         lay_out=lay_out,
-        first_estimate=_first_estimate,
+        first_estimate=first_estimate,
         estimate=_estimate,
         reads_scan=True,
         surroundings=around._replace(make=make, first_look=first_look),

@@ -11,7 +11,7 @@ from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.compiled.program import in_machine_code
 from turtlebot_gym.localization.bank import COLUMNS, ROWS
 from turtlebot_gym.localization.hypotheses import correct_by_scan, nowhere
-from turtlebot_gym.localization.localizer import TRACKING, locate, move, state_of, stay
+from turtlebot_gym.localization.localizer import TRACKING, locate, move, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import wrap
@@ -127,7 +127,7 @@ def _follow(
                 located = correct_by_scan(located, ranges[at], beams[at], when, memory, q)
                 way, turn, left_out = 0.0, 0.0, 0
             else:
-                located, left_out = stay(located), left_out + 1
+                located, left_out = located._replace(silent=0.0), left_out + 1  # it would say the same again
             at += 1
         mean, P = located.belief
         course[row, 0], course[row, 1], course[row, 2] = mean.x, mean.y, mean.theta
