@@ -19,6 +19,12 @@ KNOWN, WIDE = (1e-3, 1e-3, 1e-3), (1.0, 1.0, 1.0)
 NO_DRIFT = (0.0, 0.0)
 
 
+@pytest.fixture(scope="module")
+def in_hall():
+    room, pose = make_room(hall()), (1.7, 2.1, 0.4)
+    return room, pose, scan_of(room, pose)
+
+
 def at(pose, scale=0.0):
     return Guess(*pose, scale)
 
@@ -161,6 +167,20 @@ def test_where_wheels_drift_during_a_scan_older_beams_say_less_and_the_newest_as
     aware, unaware = (scan(drifted, sight(room, older), Q, (0.0, sweep)) for sweep in (2.0, 0.0))
     assert off(aware, pose)[1] < 0.8 * off(unaware, pose)[1]
     assert aware.belief.covariance.tt > unaware.belief.covariance.tt
+
+
+def test_at_rest_the_error_is_near_the_bound_of_the_scan(in_hall):
+    """Of 200 noisy scans a standard deviation is within 18 % of its true value for all but one seed in 5,000."""
+    room, pose, points = in_hall
+    q = LocalizerTuning(bias=1e-6, turn_bias=1e-6, grain=1e-3, scale=0.0, deviation=0.01, deviation_share=0.0, doubt=0.0)
+    bound, errors = np.linalg.inv(full(informed(room, pose, points, q))[0][:3, :3]), []
+    for noise in 0.01 * np.random.default_rng(3).standard_normal((200, points.shape[1])):
+        noisy = points.copy()
+        noisy[[0, 1, 4]] += noise * np.vstack((points[2:4], np.ones(points.shape[1])))
+        errors.append(np.subtract(found(room, noisy, pose, WIDE, q).belief.mean[:3], pose))
+    ratio = np.sqrt((np.array(errors) ** 2).mean(axis=0) / np.diag(bound))
+    assert (ratio < 1.3).all(), ratio
+    assert (ratio > 0.82).all(), f"{ratio}: better than the bound, so the bound is wrong"
 
 
 def test_standing_still_never_gains_more_than_the_map_knows(in_hall):

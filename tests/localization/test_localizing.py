@@ -104,27 +104,19 @@ def test_obstacles_that_the_map_alone_has_hide_none_of_the_room_and_mislead_litt
     assert off[1] < 0.01
 
 
-PROBABILITIES = {"doubt", "short", "suspicion", "temper", "trust"}
 CHANGED = {"beams": 30, "iterations": 1, "wide_steps": 1, "patience": 2, "thin": 2.0}
-"""Others: a probability becomes its complement, 0 becomes large, and what is left is halved."""
-
-
-def changed(name, value):
-    if name in CHANGED:
-        return CHANGED[name]
-    return 1.0 - value if name in PROBABILITIES else 0.5 * value if value > 0.0 else 1e3
+CHANGED |= {name: 1.0 - getattr(LocalizerTuning(), name) for name in ("short", "suspicion", "temper", "trust")}
+"""Others are halved, and 0 becomes large."""
 
 
 def test_each_assumption_changes_the_belief():
     slipping = ProcessNoise(alpha1=0.3, alpha2=0.05, alpha3=1.0, alpha4=0.3)
-    usual = LocalizerTuning(
-        along_walk=0.02, aside_walk=0.02, aside_step=0.05, aside_turn=0.02, turn_walk=0.02, widening=20.0, doubt=0.95
-    )
+    noises = {"along_walk": 0.02, "aside_walk": 0.02, "aside_step": 0.05, "aside_turn": 0.02, "turn_walk": 0.02}
+    usual, sought = LocalizerTuning(**noises, widening=20.0, doubt=0.95), {"lead", "trust", "evidence"}
 
-    def believed(tuning, start="known"):
+    def believed(tuning, start):
         world = {**asdict(ROOMS["dense"]), "unmapped": 0.5 if start == "known" else 0.0}
-        options = Options(world=world, noise="wheel", localizer=tuning, start=start)
-        p, waypoints, plan, _ = options.setup()
+        p, waypoints, plan, _ = Options(world=world, noise="wheel", localizer=tuning, start=start).setup()
         batch, beliefs = Batch(2, p._replace(noise=replace(p.noise, process=slipping)), waypoints, plan=plan), []
         batch.seeds[:] = 4
         batch.reset(np.ones(2, np.bool_), *batch.empty())
@@ -133,11 +125,11 @@ def test_each_assumption_changes_the_belief():
             beliefs.append(batch.world(0).estimate)
         return beliefs
 
-    usually, lost = believed(usual), believed(usual, "unknown")
-    tunings = {name: replace(usual, **{name: changed(name, value)}) for name, value in asdict(usual).items()}
-    sought = {"lead", "trust", "evidence"}  # they count where a place is looked for
-    assert not [name for name, tuning in tunings.items() if name not in sought and believed(tuning) == usually]
-    assert not [name for name in sought if believed(tunings[name], "unknown") == lost]
+    usually = {start: believed(usual, start) for start in ("known", "unknown")}
+    for name, value in asdict(usual).items():
+        start = "unknown" if name in sought else "known"  # these count where a place is looked for
+        tuning = replace(usual, **{name: CHANGED.get(name, 0.5 * value if value > 0.0 else 1e3)})
+        assert believed(tuning, start) != usually[start], name
 
 
 def test_all_robots_share_the_field_of_a_map():

@@ -1,21 +1,29 @@
-"""Lost means lost: who has left the map, and who is carried off among people; what beams of people say about a place."""
+"""A robot that is lost looks for its scan in the whole map; one that is carried off or leaves the map knows that it is lost."""
+
+import math
 
 import numpy as np
 import pytest
-from localization_rooms import hall, make_room, off, scan_of, sight
+from localization_rooms import empty_hall, hall, make_room, nonsense, off, scan_of, sight
 
 from turtlebot_gym.kernel import HAS_LLVM
-from turtlebot_gym.localization.bank import COLUMNS, ROWS
+from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, MOST, NONE, ROWS, exp
 from turtlebot_gym.localization.descent import SILENT_BEAMS, agreeing, verdict
 from turtlebot_gym.localization.hypotheses import CYCLE, ENOUGH, look, nowhere
 from turtlebot_gym.localization.information import Guess
-from turtlebot_gym.localization.localizer import LOST, TRACKING, locate, move, scan, state_of
-from turtlebot_gym.localization.tuning import ROBOT
+from turtlebot_gym.localization.localizer import LOST, SURE, TRACKING, locate, move, scan, state_of
+from turtlebot_gym.localization.seek import seek
+from turtlebot_gym.localization.tuning import ROBOT, LocalizerTuning
 from turtlebot_gym.values import STOP, Pose
 
-HERE, THERE = (1.7, 2.1, 0.4), (4.6, 0.8, -2.9)
+Q = LocalizerTuning()
+POSES = HERE, THERE, _, _ = (1.7, 2.1, 0.4), (4.6, 0.8, -2.9), (1.0, 3.9, 1.6), (4.0, 3.0, 3.1)
 slow_in_plain = pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python")
-SURE, REST, NO_DRIFT = (1e-4, 1e-4, 1e-4), Pose(0.0, 0.0, 0.0), (0.0, 0.0)
+CLOSE, REST, NO_DRIFT = (1e-4, 1e-4, 1e-4), Pose(0.0, 0.0, 0.0), (0.0, 0.0)
+
+
+def empty():
+    return np.zeros((ROWS, COLUMNS))
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +81,7 @@ def test_beams_that_end_in_the_unknown_say_nothing_for_or_against_any_pose(room,
 def test_people_hardly_move_the_belief_and_do_not_put_it_in_doubt(room):
     """The partner: what passes through walls does, by as many beams."""
     points, rng, errors = scan_of(room, HERE, 60), np.random.default_rng(0), []
-    located, bank = locate(Pose(*HERE), SURE, ROBOT), np.zeros((ROWS, COLUMNS))
+    located, bank = locate(Pose(*HERE), CLOSE, ROBOT), empty()
     for _ in range(40):
         located = look(located, bank, sight(room, crowded(points, rng, 0.25)), REST, ROBOT)
         errors.append(max(off(located, HERE)))
@@ -87,7 +95,7 @@ def test_people_hardly_move_the_belief_and_do_not_put_it_in_doubt(room):
 @slow_in_plain
 @pytest.mark.parametrize("start", [(500.0, 500.0, 0.0), (-3.0, 2.0, 1.0)])
 def test_a_belief_outside_of_the_map_is_lost_after_its_patience_and_found_by_its_evidence(room, start, in_machine_code):
-    points, bank, states = scan_of(room, HERE, 60), np.zeros((ROWS, COLUMNS)), []
+    points, bank, states = scan_of(room, HERE, 60), empty(), []
     located = locate(Pose(*start), (0.02, 0.02, 0.02), ROBOT)
     for _ in range(int(ROBOT.patience + ROBOT.evidence) + CYCLE):
         located = in_machine_code(located, bank, sight(room, points))
@@ -102,8 +110,8 @@ def test_a_belief_outside_of_the_map_is_lost_after_its_patience_and_found_by_its
 @pytest.mark.parametrize("unknown", [True, False])
 def test_among_people_a_robot_is_found_and_its_own_place_not_given_up_before(room, unknown, in_machine_code):
     """Without a place of its own it may take one that nearly all beams of a scan fit by luck."""
-    points, rng, bank = scan_of(room, THERE, 60), np.random.default_rng(1), np.zeros((ROWS, COLUMNS))
-    located, since = nowhere(ROBOT) if unknown else locate(Pose(*HERE), SURE, ROBOT), None
+    points, rng, bank = scan_of(room, THERE, 60), np.random.default_rng(1), empty()
+    located, since = nowhere(ROBOT) if unknown else locate(Pose(*HERE), CLOSE, ROBOT), None
     for number in range(int(ENOUGH) + int(ROBOT.patience) + 30):
         located = in_machine_code(located, bank, sight(room, crowded(points, rng, 0.25)))
         if since is None and state_of(located, ROBOT) == TRACKING and number > ROBOT.patience:
@@ -125,7 +133,7 @@ def in_machine_code():
 
 def driven(room, half, way, wheels, in_machine_code):
     """Return states and errors of a robot that drives through a room, and localizes itself in a part of its map."""
-    located, bank, results = locate(way[0], SURE, ROBOT), np.zeros((ROWS, COLUMNS)), []
+    located, bank, results = locate(way[0], CLOSE, ROBOT), empty(), []
     for k, at in enumerate(way):
         if k > 0:
             located = move(located, wheels[k - 1], wheels[k], STOP, NO_DRIFT, 0.2, ROBOT)
@@ -166,10 +174,10 @@ def test_a_robot_whose_scans_fit_is_not_lost_by_a_leap_of_its_odometry(room, spi
 def test_a_place_believed_anew_is_left_if_more_beams_end_short_than_before(room, before, after, in_machine_code):
     """Its partner: the same beams do not move a robot whose place was never in doubt."""
     points, rng, located = scan_of(room, HERE, 60), np.random.default_rng(0), nowhere(ROBOT)
-    bank, other = np.zeros((2, ROWS, COLUMNS))
+    bank, other = empty(), empty()
     while state_of(located, ROBOT) != TRACKING:
         located = in_machine_code(located, bank, sight(room, crowded(points, rng, before)))
-    undoubted, states = locate(Pose(*HERE), SURE, ROBOT), []
+    undoubted, states = locate(Pose(*HERE), CLOSE, ROBOT), []
     for _ in range(40):
         seen = sight(room, crowded(points, rng, after))
         located, undoubted = in_machine_code(located, bank, seen), in_machine_code(undoubted, other, seen)
@@ -188,9 +196,85 @@ def test_in_a_long_corridor_a_place_that_looks_like_all_others_is_not_believed(i
     for x, ends in ((20.0, False), (2.5, True)):
         occupied[:, :10], occupied[:, 20:24] = ends, False
         occupied[30:50, 40:44] = ends
-        room, bank, located = make_room(occupied), np.zeros((ROWS, COLUMNS)), nowhere(ROBOT)
+        room, bank, located = make_room(occupied), empty(), nowhere(ROBOT)
         points = scan_of(room if ends else open_room, (x, 1.5, 0.1), 60)
         for _ in range(int(ROBOT.evidence) + CYCLE):
             located = in_machine_code(located, bank, sight(room, points))
         states.append(state_of(located, ROBOT))
     assert states == [LOST, TRACKING]
+
+
+def looks(located, room, points, times, bank):
+    for _ in range(times):
+        located = look(located, bank, sight(room, points), REST, Q)
+    return located
+
+
+@pytest.mark.sample(3)
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("yaw", [0.0, 1.0])
+def test_an_unknown_start_is_found(pose, yaw):
+    c, s = math.cos(yaw), math.sin(yaw)
+    assert state_of(nowhere(Q), Q) == LOST
+    points = scan_of(make_room(hall()), pose)
+    located = looks(nowhere(Q), make_room(hall(), yaw, (2.0, 1.0)), points, CYCLE + 1, empty())
+    turned = (2.0 + c * pose[0] - s * pose[1], 1.0 + s * pose[0] + c * pose[1], pose[2] + yaw)
+    assert max(off(located, turned)) < 0.02
+    assert state_of(located, Q) == TRACKING
+    assert located.weight == 1.0
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(("usually", "now", "doubts"), [(0, 0, False), (0, 4, True), (4, 4, False), (4, 24, True)])
+def test_more_misfits_than_usual_put_the_place_in_doubt(room, usually, now, doubts):
+    """Of 40 beams so many end short, at what is not on the map; the first doubt of these is confirmed to be none."""
+    bank, counts, points, located = empty(), [], scan_of(room, HERE), locate(Pose(*HERE), CLOSE, Q)
+    for strays, times in ((usually, 100), (now, int(Q.patience))):
+        short = ended(points, np.arange(strays) * 40 // max(strays, 1), 0.5)
+        for _ in range(times):
+            located = looks(located, room, short, 1, bank)
+            counts.append(located.misfits)
+    assert (counts[-1] >= Q.patience) == doubts
+    assert (max(counts[:-8]) >= Q.patience) == (usually > 0)
+    assert max(off(located, HERE)) < 0.03
+
+
+def test_where_two_places_look_alike_both_stay_and_move_with_the_wheels():
+    room, bank, (x, y, theta) = make_room(empty_hall()), empty(), HERE
+    located = looks(nowhere(Q), room, scan_of(room, HERE), 10 * CYCLE, bank)
+    for step in range(8):
+        if step > 0:
+            before, now = (Pose(0.1 * at, 0.0, 0.0) for at in (step - 1, step))
+            x, y = x + 0.1 * math.cos(theta), y + 0.1 * math.sin(theta)
+            located = move(located, before, now, STOP, NO_DRIFT, 0.0, Q)
+            located = look(located, bank, sight(room, scan_of(room, (x, y, theta))), now, Q)
+        assert state_of(located, Q) == LOST
+        assert 0.3 < located.weight < SURE
+        assert (bank[:, LOG_WEIGHT] > NONE).sum() == 2
+        assert located.belief.covariance.xx > 0.2, "the belief is as wide as the hypotheses are apart"
+        mirrored = (112 * 0.05 - x, 92 * 0.05 - y, theta + math.pi)
+        assert min(max(off(located, (x, y, theta))), max(off(located, mirrored))) < 0.03
+
+
+def test_a_scan_that_no_place_explains_leaves_it_lost(room):
+    rng, located, bank = np.random.default_rng(1), nowhere(Q), empty()
+    for _ in range(4 * CYCLE):
+        located = looks(located, room, nonsense(rng, 0.4, 3.0), 1, bank)
+        assert state_of(located, Q) == LOST
+
+
+def test_weights_are_exponentials():
+    x = np.linspace(-10.0, 0.0, 41)
+    np.testing.assert_allclose([exp(number) for number in x], np.exp(x), rtol=0.05)
+
+
+@slow_in_plain
+def test_the_whole_map_is_searched_the_same_in_loops_and_in_arrays(room):
+    from turtlebot_gym.compiled.program import compiled
+
+    points, room, results = scan_of(room, HERE), room._replace(field=room.field.copy()), []
+    room.field[:20, :20] = np.nan
+    for function in (seek, compiled(seek, "the whole map")):
+        poses, values = np.empty((MOST, 3)), np.empty(MOST)
+        results.append((function(sight(room, points), poses, values), poses.tolist(), values.tolist()))
+    assert results[0] == results[1]
