@@ -119,7 +119,8 @@ def _add_run(bodies: Any, count: int, run: Run, lengths: Any, sweep: Sweep, trai
     if cut == run.last:
         return _add_body(bodies, count, run, sweep, trail)
     m, part, zero = 0, 0.0, len(lengths) - sweep.number
-    for length in lengths[zero + run.first : zero + cut + 1]:
+    for beam in range(run.first, cut + 1):
+        length = float(lengths[zero + beam])
         if _is_return(length, sweep):
             m, part = m + 1, part + length
     n, total, hidden = run.n - m, run.total - part, run.hidden
