@@ -21,8 +21,7 @@ MAX_FIX_AGE = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessNoise:
-    """Difference between the executed twist and the command: the velocity motion model, wheels that are not as assumed, and
-    bursts of slip.
+    """Difference between executed twist and command: the velocity motion model, wheels not as assumed, and bursts of slip.
 
     The executed twist is the command plus zero-mean noise of variance ``alpha1 v^2 + alpha2 omega^2`` (speed) and
     ``alpha3 v^2 + alpha4 omega^2`` (turning rate), per step of 0.1 s; at other periods the variance is scaled to keep the drift
@@ -41,14 +40,12 @@ class ProcessNoise:
     alpha4: Annotated[float, config.NON_NEGATIVE] = 0.0
     """Variance of the turning rate per squared turning rate, 1."""
     scale: Annotated[float, config.POSITIVE] = 1.0
-    """Executed share of a commanded twist: 1.02 or 0.98 for wheels whose radius is off by 2 %. Wheel odometry does not see it,
-    nor do filters, except `calibrated`; the same holds for the next two."""
+    """Executed share of a commanded twist: 1.02 for wheels 2 % too large. Like the next two, only `calibrated` sees it."""
     turn_scale: Annotated[float, config.POSITIVE] = 1.0
     """Executed share of a commanded turn, beyond `scale`: the assumed track over the true one."""
     veer: Annotated[float, config.FINITE] = 0.0
-    """Turn per metre driven, rad/m: the difference of the wheels' radii, right minus left, over their mean and the track. It
-    also changes the speed in a turn, by a quarter of veer times the squared track: 0.3 mm/rad for 0.04 rad/m and 0.16 m,
-    which is left out."""
+    """Turn per metre driven, rad/m: the difference of the wheels' radii, right minus left, over their mean and the track. What
+    it changes of the speed in a turn, 0.3 mm/rad for 0.04 rad/m, is left out."""
     slip: Annotated[float, config.PROBABILITY] = 0.0
     """Share of the motion that is lost during a burst of slip, 0 to 1."""
     slip_start: Annotated[float, config.PROBABILITY] = 0.0

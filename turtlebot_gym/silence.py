@@ -41,16 +41,11 @@ Place = tuple[complex, complex]  # place of a LiDAR, m, and its direction, a uni
 class _Edge(NamedTuple):
     """An edge of a silent run, as it was when it was first seen, in the LiDAR's frame."""
 
-    side: int
-    """1 if the run is to the left of it, -1 if to the right."""
+    side: int  # 1 if the run is to the left of it, -1 if to the right
     direction: float
-    """rad"""
     point: complex
-    """m"""
-    origins: tuple[Place, Place]
-    """Where the LiDAR may have been then."""
-    scans: int
-    """Number of scans in which it has kept its direction."""
+    origins: tuple[Place, Place]  # where the LiDAR may have been then
+    scans: int  # number of scans in which it has kept its direction
 
 
 class Silence:

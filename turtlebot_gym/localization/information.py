@@ -60,10 +60,10 @@ class Guess(NamedTuple):
 
 
 class Information(NamedTuple):
-    """Information of a scan at a guess: the symmetric 4 x 4 matrix, row by row from the diagonal on, and the gradient."""
+    """Information of a scan at a guess: the symmetric 4 x 4 matrix, row by row from the diagonal on, and the gradient of half
+    the sum of squared residuals, which points away from the best guess; 1/m^2, 1/m."""
 
     xx: float
-    """1/m^2"""
     xy: float
     xt: float
     xs: float
@@ -74,7 +74,6 @@ class Information(NamedTuple):
     ts: float
     ss: float
     x: float
-    """Gradient of half the sum of squared residuals, which points away from the best guess; 1/m."""
     y: float
     theta: float
     scale: float

@@ -21,17 +21,17 @@ m."""
 
 
 class Timing(NamedTuple):
-    """When the beams of a scan were measured, and from where on the robot."""
+    """When the beams of a scan were measured, and from where on the robot.
+
+    The times of the last beam and between two, s, 0 if all were measured at once; the position of the LiDAR in the robot's
+    frame, m; and the greatest range that is a measurement, m.
+    """
 
     last: float
-    """Time of the last beam, s."""
     interval: float
-    """Time between two beams, s; 0 if all were measured at once."""
     x: float
-    """Position of the LiDAR in the robot's frame, m."""
     y: float
     range_max: float
-    """Greatest range that is a measurement, m."""
 
 
 @kernel

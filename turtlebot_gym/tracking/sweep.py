@@ -21,25 +21,20 @@ LEAST_MARGIN, MARGIN = 0.15, 4.0
 
 
 class Sweep(NamedTuple):
-    """How the beams of a scan were measured."""
+    """How the beams of a scan were measured; for its times, place and greatest range see `points.Timing`."""
 
     lidar: Any
     """Ranges and noise of the LiDAR, a `rooms.lidar.Lidar`."""
     number: int
-    """Number of beams."""
     first: float
     """Direction of the first beam in the robot's frame, rad."""
     step: float
     """Angle from each beam to the next, rad; negative if clockwise."""
     last: float
-    """Time of the last beam, s."""
     interval: float
-    """Time between two beams, s; 0 if all were measured at once."""
     x: float
-    """Position of the LiDAR in the robot's frame, m."""
     y: float
     range_max: float
-    """Greatest range that is a measurement, m."""
     tick: float = 0.0
     """Interval in which what is seen moves at once, as in a simulation, s; 0 on a robot."""
 
