@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from localization_rooms import empty_hall, hall, make_room, nonsense, off, scan_of, sight
+from localization_rooms import corridor, empty_hall, hall, make_room, nonsense, off, scan_of, sight
 
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, MOST, NONE, ROWS, exp
@@ -190,12 +190,10 @@ def test_a_place_believed_anew_is_left_if_more_beams_end_short_than_before(room,
 @slow_in_plain
 def test_in_a_long_corridor_a_place_that_looks_like_all_others_is_not_believed(in_machine_code):
     """Its partner: an end that is in sight tells them apart."""
-    occupied = np.zeros((60, 800), np.bool_)
-    occupied[:10], occupied[50:] = True, True
+    occupied = np.pad(corridor(), ((0, 0), (0, 400)), mode="edge")
     open_room, states = make_room(occupied), []
     for x, ends in ((20.0, False), (2.5, True)):
-        occupied[:, :10], occupied[:, 20:24] = ends, False
-        occupied[30:50, 40:44] = ends
+        occupied[:, :10], occupied[:, 20:24], occupied[30:50, 40:44] = ends, False, ends
         room, bank, located = make_room(occupied), empty(), nowhere(ROBOT)
         points = scan_of(room if ends else open_room, (x, 1.5, 0.1), 60)
         for _ in range(int(ROBOT.evidence) + CYCLE):
