@@ -143,7 +143,8 @@ def _passed(row: Any, returns: Any, x: float, y: float, sweep: Sweep, trail: Any
 @kernel
 def was_free(past: Any, returns: Any, x: float, y: float, now: float, sweep: Sweep, trail: Any, turned: float) -> bool:
     """Return whether a point in the odometry's frame was free in a remembered scan: what is there now has moved."""
-    for row in past:
+    for k in range(len(past)):
+        row = past[k]
         if row[NUMBER] > 0.0 and now - row[LAST] >= 0.5 * EVERY and _passed(row, returns, x, y, sweep, trail, turned):
             return True
     return False
