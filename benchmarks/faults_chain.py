@@ -9,15 +9,15 @@ from __future__ import annotations
 import os
 import pty
 import shlex
-import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from signal import Signals
+from typing import IO, Any
 
 CONFIG = Path(__file__).parents[1] / "bridges" / "turtlebot_gym_ros" / "config" / "robot.yaml"
 GUARD, STANDBY, FILTER, CONTROLLER = "cmd_vel_guard", "cmd_vel_standby", "kalman_filter", "velocity_controller"
@@ -39,27 +39,25 @@ class Chain:
 
     def __init__(self, domain: int, *, buttons: bool) -> None:
         self._folder = tempfile.TemporaryDirectory()
-        self.folder = Path(self._folder.name)
-        """Where they run, and write NAME.log."""
+        self.folder = Path(self._folder.name)  # they run there, and write NAME.log
         (self.folder / "far.csv").write_text("1000,0,0\n")
         self._buttons, self._mark = buttons, f"{os.getpid()}-{domain}"
         self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), MARK: self._mark}
         self._children: list[subprocess.Popen[bytes]] = []
-        self._ended: set[str] = set()
-        self._changed: set[str] = set()
+        self._ended, self._changed = set[str](), set[str]()
 
-    def start(self, name: str, *words: str, environment: dict[str, str] | None = None, **parameters: str) -> None:
+    def start(self, name: str, *words: str, environment: Mapping[str, str] = {}, **parameters: str) -> None:
         """Start a node, with further ROS arguments, variables and parameters."""
         self._ended.discard(name)
         program = ["setpriv", "--pdeathsig", "KILL", *self._command(name, *words, **parameters)]
-        whole = {**self._environment, **(environment or {})}
         with (self.folder / f"{name}.log").open("ab") as log:
-            self._children.append(subprocess.Popen(program, cwd=self.folder, env=whole, stdout=log, stderr=log))
+            given = {"cwd": self.folder, "env": {**self._environment, **environment}, "stdout": log, "stderr": log}
+            self._children.append(subprocess.Popen(program, **given))
 
-    def restart(self, name: str, *words: str, environment: dict[str, str] | None = None, **parameters: str) -> None:
+    def restart(self, name: str, *words: str, **given: Any) -> None:
         """End a node and start it otherwise; it is started as usual before the next fault."""
         self.end(name)
-        self.start(name, *words, environment=environment, **parameters)
+        self.start(name, *words, **given)
         self._changed.add(name)
 
     def _command(self, name: str, *words: str, **parameters: str) -> list[str]:
@@ -75,8 +73,8 @@ class Chain:
         """Start guard and standby again in a terminal, as one job of its shell, and yield its keyboard, which closes it."""
         for name in (GUARD, STANDBY):
             self.end(name)
-            self._ended.discard(name)
-            self._changed.add(name)
+        self._ended -= {GUARD, STANDBY}
+        self._changed |= {GUARD, STANDBY}
         jobs = " & ".join(f"{shlex.join(self._command(name))} >>terminal.log 2>&1" for name in (GUARD, STANDBY))
         # With job control the job has a process group of its own, which the keyboard's signals reach; without it a session's
         # only group is an orphan, which cannot be suspended. Under nohup all of them would ignore hang-ups.
@@ -99,46 +97,36 @@ class Chain:
         mark, found = f"{MARK}={self._mark}".encode(), []
         for path in Path("/proc").iterdir():
             with suppress(OSError, ValueError):
-                pid = int(path.name)
                 words = (path / "cmdline").read_bytes().split(b"\0")
                 is_it = not name or words[3:4] == [name.encode()]  # of python -m PACKAGE NAME
                 if is_it and mark in (path / "environ").read_bytes().split(b"\0"):
-                    found.append(pid)
+                    found.append(int(path.name))
         return found
 
-    def signal(self, name: str, number: int) -> float:
-        """Send a signal to a node, and return when, s; with one that ends it, its end is no failure."""
-        if name and number not in (signal.SIGSTOP, signal.SIGCONT):
+    def signal(self, name: str, what: str) -> float:
+        """Send a signal, such as "STOP", to a node, and return when, s; with one that ends it, its end is no failure."""
+        if what not in ("STOP", "CONT"):
             self._ended.add(name)
         pids, at = self.pids(name), time.time()
         for pid in pids:
             with suppress(ProcessLookupError):
-                os.kill(pid, number)
+                os.kill(pid, Signals[f"SIG{what}"])
         return at
 
     def kill(self, name: str = "") -> None:
         """Kill a node, by default the whole chain, and wait for its end."""
         self._ended.add(name)
         while self.pids(name):
-            self.signal(name, signal.SIGKILL)
+            self.signal(name, "KILL")
             time.sleep(0.01)
 
     def end(self, name: str) -> None:
         """End a node as a person does, and kill it after 2 s: one that is killed counts as a publisher for 20 s."""
-        self.signal(name, signal.SIGINT)
+        self.signal(name, "INT")
         until = time.monotonic() + 2.0
         while self.pids(name) and time.monotonic() < until:
             time.sleep(0.02)
         self.kill(name)
-
-    @contextmanager
-    def suspended(self, name: str) -> Iterator[None]:
-        """Suspend a node."""
-        self.signal(name, signal.SIGSTOP)
-        try:
-            yield
-        finally:
-            self.signal(name, signal.SIGCONT)
 
     def dead(self) -> list[str]:
         """Return the nodes that have ended though nobody ended them."""
@@ -153,7 +141,7 @@ class Chain:
     def repair(self) -> None:
         """Let all nodes run as usual."""
         for name in CHAIN:
-            self.signal(name, signal.SIGCONT)
+            self.signal(name, "CONT")
             if name in self._changed:
                 self.end(name)
             if not self.pids(name):

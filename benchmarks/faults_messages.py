@@ -7,7 +7,6 @@ import math
 import random
 import time
 from functools import partial
-from signal import SIGKILL
 from typing import Any
 
 from faults_chain import CONTROLLER, FILTER, GUARD
@@ -104,7 +103,7 @@ def own_output(robot: Robot, rng: random.Random) -> list[str]:
     """The guard hears its own commands as a program's; a person drives, and ends."""
     robot.chain.restart(GUARD, "-r", "cmd_vel_in:=cmd_vel")
     robot.teleop = (0.15, 0.0)
-    robot.until(lambda: robot.chain.refuses(GUARD) or (robot.enable() and robot.drives(time.time(), 2.0)), 60.0)
+    robot.until(lambda: robot.chain.refuses(GUARD) or (robot.enable() and robot.drives(2.0)), 60.0)
     time.sleep(0.5)
     robot.teleop = None
     return robot.must_stand(time.time() + SET_STANDS, 2.5)
@@ -225,35 +224,33 @@ def two_odometries(robot: Robot, rng: random.Random) -> list[str]:
 
 
 def stranger(robot: Robot, rng: random.Random, *, filter_ends: bool) -> list[str]:
-    """A stranger says at 20 Hz that the robot stands where it was, beside the filter or after it.
-
-    A filter that is killed is in the graph for its lease of 20 s, so the robot is watched for longer.
-    """
-    speaker = robot.ros.speaker("estimate", 2)
-    here = robot.driver.says(time.time())._replace(v=0.0, omega=0.0)
+    """A stranger says at 20 Hz that the robot stands where it was, beside the filter or after it."""
+    speaker, here = robot.ros.speaker("estimate", 2), robot.driver.says(time.time())._replace(v=0.0, omega=0.0)
+    estimate = robot.odometry_of(here, time.time())
+    for at in (0, 7, 35):
+        estimate.pose.covariance[at] = estimate.twist.covariance[at] = 1e-4
 
     def say(message: Any, now: float) -> None:
-        other = robot.odometry_of(here, now)
-        for at in (0, 7, 35):
-            other.pose.covariance[at] = other.twist.covariance[at] = 1e-4
-        speaker.publish(other)
+        estimate.header.stamp = message.header.stamp
+        speaker.publish(estimate)
 
     robot.beside, at = say, time.time()
     if filter_ends:
-        robot.chain.signal(FILTER, SIGKILL)
-    time.sleep(25.0 if filter_ends else 3.0)
+        robot.chain.signal(FILTER, "KILL")
+    time.sleep(25.0 if filter_ends else 3.0)  # a filter that is killed is in the graph for its lease of 20 s
     return robot.strays(at)
 
 
 def second_waypoints(robot: Robot, rng: random.Random) -> list[str]:
     """Another source of waypoints sends the robot aside at 1 to 20 Hz."""
-    speaker, side, rate = robot.ros.speaker("reference", 2), rng.choice([-1.0, 1.0]), rng.choice([1, 5, 20])
+    speaker, rate = robot.ros.speaker("reference", 2), rng.choice([1, 5, 20])
+    reference = stamped("reference", 0.0)
+    reference.pose.position.y, reference.pose.orientation.w = rng.choice([-50.0, 50.0]), 1.0
 
     def say(message: Any, now: float) -> None:
+        reference.header.stamp = message.header.stamp
         if rng.random() < rate / 20.0:
-            other = stamped("reference", robot.clock(now))
-            other.pose.position.y, other.pose.orientation.w = 50.0 * side, 1.0
-            speaker.publish(other)
+            speaker.publish(reference)
 
     robot.beside, at = say, time.time()
     time.sleep(3.0)

@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from signal import SIGALRM, SIGHUP, SIGINT, SIGKILL, SIGQUIT, SIGSTOP, SIGTERM, SIGTSTP, SIGTTIN, SIGTTOU, SIGUSR1, SIGUSR2
 from typing import IO
 
 from faults_chain import CONTROLLER, FILTER, GUARD, STANDBY
@@ -42,19 +41,19 @@ Motion = Callable[[random.Random], tuple[float, float]]
 """Draws a motion as shares of the robot's limits."""
 
 
-def by_policy(robot: Robot) -> Callable[[str], None]:
-    """Let a policy of one's own drive ahead, and return how it is ordered something else."""
-    folder, path = robot.chain.folder, os.pathsep.join([str(robot.chain.folder), *filter(None, sys.path)])
+def order(robot: Robot, text: str) -> None:
+    """Order something of the policy of one's own."""
+    (robot.chain.folder / "order.new").write_text(text)
+    (robot.chain.folder / "order.new").replace(robot.chain.folder / "order")
 
-    def order(text: str) -> None:
-        (folder / "order.new").write_text(text)
-        (folder / "order.new").replace(folder / "order")
 
-    (folder / "policy.py").write_text(POLICY)
-    order(AHEAD)
+def by_policy(robot: Robot) -> None:
+    """Let a policy of one's own drive ahead."""
+    path = os.pathsep.join([str(robot.chain.folder), *filter(None, sys.path)])
+    (robot.chain.folder / "policy.py").write_text(POLICY)
+    order(robot, AHEAD)
     robot.chain.restart(CONTROLLER, policy="policy:drive", environment={"PYTHONPATH": path})
     robot.drive_again()
-    return order
 
 
 def by_hand(robot: Robot, v: float, omega: float) -> None:
@@ -62,21 +61,25 @@ def by_hand(robot: Robot, v: float, omega: float) -> None:
     robot.ros.ask("velocity_controller/enable", data=False)
     time.sleep(1.5)  # until it has said its zeros, each of which wakes the guard
     robot.teleop = (v, omega)
-    robot.until_moves(v, omega)
+    robot.until(lambda: robot.drives(3.0, v, omega), 0.0)
 
 
 def ends(
-    robot: Robot, rng: random.Random, what: str, motion: Motion | None = None, how: tuple[int, ...] = (SIGKILL, SIGSTOP)
+    robot: Robot, rng: random.Random, what: str, motion: Motion | None = None, how: tuple[str, ...] = ("KILL", "STOP")
 ) -> list[str]:
-    """A node is killed or hangs, or the odometry or a person's sticks end, during a motion; without one it drives ahead."""
+    """A node is killed or hangs, or the odometry or a person's sticks end, during a motion; without one it drives ahead.
+
+    "both" are guard and standby, which get the same signal at once.
+    """
     if motion:
         share = motion(rng)
         v, omega = 0.22 * share[0], 2.84 * share[1]
         if what in (GUARD, STANDBY, "sticks"):
             by_hand(robot, v, omega)
         else:
-            by_policy(robot)(json.dumps(share))
-            robot.until_moves(v, omega)
+            by_policy(robot)
+            order(robot, json.dumps(share))
+            robot.until(lambda: robot.drives(3.0, v, omega), 0.0)
     time.sleep(rng.uniform(0.0, 0.2))
     at = time.time()
     if what == "odometry":
@@ -84,11 +87,12 @@ def ends(
     elif what == "sticks":
         robot.teleop = None
     else:
-        at = robot.chain.signal(what, rng.choice(how))
+        signal, names = rng.choice(how), (GUARD, STANDBY) if what == "both" else (what,)
+        at = min(robot.chain.signal(name, signal) for name in names)
     if what == STANDBY and rng.random() < 0.5:  # the guard must stop it alone
         time.sleep(rng.uniform(0.1, 1.0))
         robot.odometry = nothing
-    return robot.must_stand(at + (GUARD_STANDS if what == GUARD else STANDS))
+    return robot.must_stand(at + {GUARD: GUARD_STANDS, "both": SET_STANDS}.get(what, STANDS))
 
 
 def guard_restarts(robot: Robot, rng: random.Random) -> list[str]:
@@ -107,8 +111,8 @@ def fence_without_filter(robot: Robot, rng: random.Random) -> list[str]:
     robot.chain.restart(GUARD, geofence="2.0", geofence_topic="estimate")
     robot.chain.end(CONTROLLER)
     robot.beside = lambda message, now: robot.send_command("cmd_vel_in", 0.1, 0.0, which=2)
-    robot.until(lambda: robot.enable() and robot.drives(time.time(), 2.0), 60.0)
-    return robot.must_stand(robot.chain.signal(FILTER, rng.choice([SIGKILL, SIGSTOP])) + STANDS)
+    robot.until(lambda: robot.enable() and robot.drives(2.0), 60.0)
+    return robot.must_stand(robot.chain.signal(FILTER, rng.choice(["KILL", "STOP"])) + STANDS)
 
 
 def suspended(robot: Robot, rng: random.Random, name: str, meanwhile: str) -> list[str]:
@@ -118,16 +122,16 @@ def suspended(robot: Robot, rng: random.Random, name: str, meanwhile: str) -> li
         robot.teleop = (0.1, 0.0)
         time.sleep(0.2)
     stands = time.time() + (GUARD_STANDS if name == GUARD else STANDS)  # nobody else could stop it meanwhile
-    with robot.chain.suspended(name):
-        time.sleep(duration * rng.uniform(0.1, 0.5))
-        if meanwhile == "die":
-            robot.teleop, robot.odometry = None, nothing
-        if meanwhile == "pressed":
-            robot.pressed[0] = True
-            time.sleep(0.3)
-            robot.pressed[0] = False
-        time.sleep(0.4 * duration)
-        until = time.time()
+    robot.chain.signal(name, "STOP")
+    time.sleep(duration * rng.uniform(0.1, 0.5))
+    if meanwhile == "die":
+        robot.teleop, robot.odometry = None, nothing
+    if meanwhile == "pressed":
+        robot.pressed[0] = True
+        time.sleep(0.3)
+        robot.pressed[0] = False
+    time.sleep(0.4 * duration)
+    until = robot.chain.signal(name, "CONT")
     if meanwhile == "pressed":
         return robot.must_stand((until if name == GUARD else until - 0.4 * duration) + SETTLE, 0.8)
     time.sleep(1.0)
@@ -142,10 +146,11 @@ def disabled(robot: Robot, rng: random.Random) -> list[str]:
 
 def policy(robot: Robot, rng: random.Random, orders: tuple[str, ...]) -> list[str]:
     """A policy raises an exception of its own, or hangs: the robot stands, and the node answers."""
-    order, at = by_policy(robot), time.time()
-    order(rng.choice(orders))
+    by_policy(robot)
+    at = time.time()
+    order(robot, rng.choice(orders))
     time.sleep(2.0)
-    order(AHEAD)
+    order(robot, AHEAD)
     time.sleep(1.0)
     answers = robot.ros.ask("velocity_controller/enable", data=False)
     return robot.must_stand(at + SET_STANDS) + ([] if answers else ["the controller is deaf"])
@@ -162,14 +167,6 @@ def terminal(robot: Robot, rng: random.Random, act: Callable[[IO[bytes]], object
         at = time.time()
         act(keyboard)
         return robot.must_stand(at + SET_STANDS)
-
-
-def signalled(robot: Robot, rng: random.Random, numbers: tuple[int, ...]) -> list[str]:
-    """Guard and standby get the same signal at once."""
-    number = rng.choice(numbers)
-    at = robot.chain.signal(GUARD, number)
-    robot.chain.signal(STANDBY, number)
-    return robot.must_stand(at + SET_STANDS)
 
 
 def clock_set(robot: Robot, rng: random.Random, sizes: tuple[float, ...]) -> list[str]:
@@ -198,8 +195,8 @@ PROCESSES: dict[str, Fault] = {
         for what, name in NODES.items()
         for do in ("die", "live")
     },
-    "guard killed": partial(ends, what=GUARD, how=(SIGKILL,)),
-    "guard hangs": partial(ends, what=GUARD, how=(SIGSTOP,)),
+    "guard killed": partial(ends, what=GUARD, how=("KILL",)),
+    "guard hangs": partial(ends, what=GUARD, how=("STOP",)),
     "guard restarted": guard_restarts,
     "standby killed or hung": partial(ends, what=STANDBY),
     "guard disabled": disabled,
@@ -220,9 +217,9 @@ ENDS: dict[str, Fault] = {
     "Ctrl-C": partial(terminal, act=lambda keyboard: keyboard.write(b"\x03")),
     "Ctrl-Z": partial(terminal, act=lambda keyboard: keyboard.write(b"\x1a")),
     "Ctrl-\\": partial(terminal, act=lambda keyboard: keyboard.write(b"\x1c")),
-    "guard and standby hung up": partial(signalled, numbers=(SIGHUP,)),
-    "guard and standby ended by a signal": partial(signalled, numbers=(SIGINT, SIGTERM, SIGQUIT, SIGUSR1, SIGUSR2, SIGALRM)),
-    "guard and standby suspended by a signal": partial(signalled, numbers=(SIGTSTP, SIGTTIN, SIGTTOU)),
+    "guard and standby hung up": partial(ends, what="both", how=("HUP",)),
+    "guard and standby ended by a signal": partial(ends, what="both", how=("INT", "TERM", "QUIT", "USR1", "USR2", "ALRM")),
+    "guard and standby suspended by a signal": partial(ends, what="both", how=("TSTP", "TTIN", "TTOU")),
     "computer's clock set back": partial(clock_set, sizes=(-0.775, -2.0, -30.0, -3600.0)),
     "computer's clock set ahead": partial(clock_set, sizes=(0.775, 2.0, 30.0, 3600.0)),
 }

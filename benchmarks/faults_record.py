@@ -28,12 +28,10 @@ UNSEEN = 2.0
 
 
 class Heard(NamedTuple):
-    """A command for the wheels."""
+    """A command for the wheels: when it was published, by DDS's source time, and arrived, late from a suspended writer, s."""
 
     sent: float
-    """Time at which it was published, by DDS's source time, s."""
     arrived: float
-    """Time at which it arrived, s; a motion whose writer was suspended arrives late."""
     v: float
     omega: float
 
@@ -51,14 +49,12 @@ class Record:
     """What was published, measured and driven, each with its time."""
 
     def __init__(self) -> None:
-        self.heard: list[Heard] = []
-        """Commands for the wheels, in the order of their arrival."""
+        self.heard, self.looks = list[Heard](), list[float]()
+        """Commands for the wheels, in the order of their arrival, and times at which the robot was looked at, s."""
         self.measured: list[tuple[float, float]] = []
         """Times at which what the robot may move on was sent, s, each with the newest time at which such was measured."""
         self.clearances: list[tuple[float, float]] = []
         """Times at which the robot moved in truth, s, each with its distance to the nearest wall, m."""
-        self.looks: list[float] = []
-        """Times at which the robot was looked at, s."""
         self.trusts_source = True
         """Whether the guard's clock is the judge's; if not, commands are judged by their arrival."""
 

@@ -153,22 +153,17 @@ class Robot:
         time.sleep(0.6)  # a button counts as pressed for half a second after it is released
         if not (self.enable() and self.ros.ask("velocity_controller/enable", data=True)):
             return False
-        return self.drives(time.time(), 2.0)
+        return self.drives(2.0)
 
-    def drives(self, since: float, patience: float) -> bool:
-        """Return whether it drives ahead for five commands within a time, s."""
+    def drives(self, patience: float, v: float = 0.18, omega: float = 0.0) -> bool:
+        """Return whether five commands from now on are such a motion, by default ahead, within a time, s."""
+        since, least = time.time(), 0.5 * (v * v + omega * omega)
         while time.time() < since + patience:
             time.sleep(0.02)
-            if sum(command.v > 0.09 for command in self.record.heard[-10:] if command.arrived > since) >= 5:
+            commands = [command for command in self.record.heard[-10:] if command.arrived > since]
+            if sum(command.v * v + command.omega * omega > least for command in commands) >= 5:
                 return True
         return False
-
-    def until_moves(self, v: float, omega: float) -> None:
-        """Wait until the last five commands for the wheels are a motion."""
-        least = 0.5 * (v * v + omega * omega)
-        self.until(
-            lambda: sum(each.v * v + each.omega * omega > least for each in self.record.heard[-5:]) == 5, 3.0, pause=0.02
-        )
 
     def drive_again(self) -> None:
         """Wait until the robot drives again after a part of its chain was started otherwise."""
