@@ -37,13 +37,11 @@ def test_the_limit_changes_no_bit(monkeypatch, threads, task):
 
 def test_one_python_thread_at_a_time_has_more_than_one():
     most = Threads.count()
-    with limited(1), Threads.taken(True) as number:
+    with limited(1), Threads.taken() as number:
         assert number == 1
-    with Threads.taken(True) as number, Threads.taken(True) as others, limited(2):
+    with Threads.taken() as number, Threads.taken() as others, limited(2):
         assert (number, others, Threads.count()) == (most, 1, min(2, most))
-    with Threads.taken(False) as number:
-        assert number == 1
-    with Threads.taken(True) as number:
+    with Threads.taken() as number:
         assert number == most
 
 

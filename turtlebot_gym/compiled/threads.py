@@ -34,9 +34,9 @@ class Threads:
 
     @classmethod
     @contextmanager
-    def taken(cls, wanted: bool) -> Iterator[int]:
-        """Let the caller use some threads for a while, and yield how many: one if it wants no more, or if others use them."""
-        if wanted and cls.count() > 1 and cls.lock.acquire(blocking=False):
+    def taken(cls) -> Iterator[int]:
+        """Let the caller use some threads for a while, and yield how many: one if others use them."""
+        if cls.count() > 1 and cls.lock.acquire(blocking=False):
             try:
                 yield cls.count()
             finally:

@@ -132,7 +132,6 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._batch.select(*parts, [common.indices_of(self._batch, key, common.ROOM_PARTS[key])[0] for key in self._numbers])
         self.reward_terms = tuple(term.name for term in self._batch.system.rewards)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
-        self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)
         self._started = self._seeded = False
         self._pictures = Pictures(self._batch, render_mode, rows=1, fps=self.metadata["render_fps"])
@@ -210,11 +209,11 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if not self._started:
             raise ResetNeeded("Call reset() before step().")
-        self._action[0] = values = common.read_actions(action, (2,))
+        self._batch.given[0] = values = common.read_actions(action, (2,))
         forward, turn = values.tolist()
         if not math.isfinite(forward + turn):
             raise InvalidAction(f"Environment 0: an action must be finite, got {action!r}.")
-        observations, outcomes = self._batch.step(self._action)
+        observations, outcomes = self._batch.step(self._batch.given)
         reward, distance, success, terminated, truncated, *_ = outcomes.ravel().tolist()
         if self.render_mode == "human":
             self._pictures.draw()
