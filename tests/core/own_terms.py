@@ -53,14 +53,4 @@ def gaps(world, p):
 GAPS = ObservationTerm("gaps", gaps, (-1.0, -1.0), (2.0, 2.0), "m")
 
 
-@kernel
-def wrong(world, p):
-    return world.room.missing
-
-
-WRONG = ObservationTerm("wrong", wrong, 0.0, 1.0)
-
-
-OTHER = ObservationTerm("bumper", wrong, 0.0, 1.0)
 SHORT = ObservationTerm("short", touch, (0.0, 0.0), (1.0, 1.0))
-SCENE = ObservationTerm("scene", touch, 0.0, 1.0, in_scene=True)

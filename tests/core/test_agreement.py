@@ -12,12 +12,14 @@ from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import STOP, Command, Odometry, Pose, SidewaysOdometry
 
-BURGER = ROBOTS["burger"]
+
+def watch(noise="wheel"):
+    return Agreement(ROBOTS["burger"], NOISES[noise])
 
 
-def judged(driver, command, *, noise="wheel", seconds=10.0):
+def judged(driver, command, *, seconds=10.0):
     """Return the time and the way from the lie to the final cause, and the cause, for a robot under one command."""
-    agreement, way = Agreement(BURGER, NOISES[noise]), None
+    agreement, way = watch(), None
     while driver.time < seconds:
         said = driver.step(command)
         way = driver.way if way is None and driver.time > driver.since else way
@@ -28,22 +30,13 @@ def judged(driver, command, *, noise="wheel", seconds=10.0):
 
 
 SAID = {
-    "pose frozen": "the pose does not move though the wheels are said to turn",
-    "all frozen": "the pose does not move",
-    "stands": "commanded to drive and does not move: blocked, or its emergency stop is pressed",
-    "heading frozen": "the heading stands still though the robot is said to turn: is the IMU alive?",
-    "dead IMU": "commanded to turn and does not turn",
-    "twist 0": "though the wheels are said to stand",
-    "turn sign": "the turning rate has the wrong sign",
-    "speed sign": "the speed has the wrong sign",
     "mm": "1000 times the command: in mm?",
-    "cm": "100 times the command: in cm?",
-    "twist in mm/s": "1000 times the command: in mm?",
     "twist in deg/s": "57 times the command: in degrees/s?",
-    "reset": "odometry begins anew at the origin",
-    "blocked": "commanded to drive and does not move",
+    "speed sign": "the speed has the wrong sign",
+    "blocked": "commanded to drive and does not move: blocked, or its emergency stop is pressed",
     "crossed": "the turning rate has the wrong sign",
 }
+"""What some lies are called; more by `test_each_mistake_of_a_driver_is_told_by_its_motion`."""
 
 
 # A frozen twist is true as long as the robot drives as before; along x there is no y; and a drive that begins has no reset.
@@ -69,7 +62,7 @@ def test_a_lie_is_final_within_a_second_and_a_quarter_of_a_metre(lie, since):
 @pytest.mark.parametrize("noise", NOISES)
 def test_two_opposite_spikes_in_a_window_are_noise(noise):
     """Not one message is refused: in lock-step a graph waits for the answer to each."""
-    agreement, spike = Agreement(BURGER, NOISES[noise]), NOISES[noise].odometry.spike
+    agreement, spike = watch(noise), NOISES[noise].odometry.spike
     for k in range(40):
         heading = {10: spike, 14: -spike, 20: -spike, 21: spike}.get(k, 0.0)
         assert agreement.judge(0.1, Odometry(Pose(0.02 * k, 0.0, heading), Command(0.2, 0.0), True), Command(0.2, 0.0)) == ""
@@ -77,21 +70,16 @@ def test_two_opposite_spikes_in_a_window_are_noise(noise):
 
 @pytest.mark.parametrize("distance", [0.1, 0.35, 3.0])
 def test_a_reset_is_noticed_at_any_distance(distance):
-    driver = Driver("reset", distance / 0.2 + 0.001)
-    time, way, cause = judged(driver, Command(0.2, 0.0), seconds=60.0)
-    assert (time, way) < (0.25, 0.06)
-    assert "reset" in cause
+    assert judged(Driver("reset", distance / 0.2 + 0.001), Command(0.2, 0.0), seconds=60.0) < (0.25, 0.06)
 
 
-def driven(driver, rng, hours, *, noise="wheel", creep=False):
+def driven(driver, rng, hours):
     """Return the causes for a robot that changes its mind often."""
-    agreement, command, causes = Agreement(BURGER, NOISES[noise]), STOP, []
-    pause = 0
-    for _ in range(int(hours * 3600.0 / Driver.dt)):
-        if pause <= 0:
-            v, omega = rng.choice((0.0, 0.02, -0.1, 0.2, 0.2)), rng.choice((0.0, 0.0, 0.05, -0.3, 1.5, -2.5))
-            command, pause = Command(0.1 * v if creep else v, omega), rng.choice((0.1, 0.6, 2.0, 5.0))
-        pause -= Driver.dt
+    agreement, causes, until = watch(), [], 0.0
+    while driver.time < 3600.0 * hours:
+        if driver.time >= until:
+            command = Command(rng.choice((0.0, 0.02, -0.1, 0.2, 0.2)), rng.choice((0.0, 0.0, 0.05, -0.3, 1.5, -2.5)))
+            until = driver.time + rng.choice((0.1, 0.6, 2.0, 5.0))
         agreement.judge(Driver.dt, driver.step(command), command)
         if agreement.cause:
             causes.append(agreement.cause)
@@ -99,27 +87,17 @@ def driven(driver, rng, hours, *, noise="wheel", creep=False):
     return causes
 
 
-ROBOTS_THAT_ARE_SLOW = {
-    "prompt": {},
-    "late": {"delay": 0.5},
-    "slow": {"acceleration": (0.3, 3.0)},
-    "slower": {"acceleration": (0.1, 0.6)},
-    "late and slow": {"delay": 0.3, "acceleration": (0.5, 3.0)},
-    "coarse": {"grid": 0.01, "delay": 0.2},
-}
-
-
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("kind", ROBOTS_THAT_ARE_SLOW)
-def test_a_robot_that_is_only_slow_is_never_refused(kind):
-    assert driven(Driver(**ROBOTS_THAT_ARE_SLOW[kind]), random.Random(kind), 0.25) == []
-    if kind == "late":  # the law notices a robot that is slower than allowed
-        assert any("does not move" in cause for cause in driven(Driver(delay=1.2), random.Random(1), 0.1))
+@pytest.mark.parametrize(
+    ("delay", "acceleration", "grid"),
+    [(0.0, (math.inf, math.inf), 0.0), (0.5, (math.inf, math.inf), 0.0), (0.0, (0.1, 0.6), 0.0), (0.3, (0.5, 3.0), 0.01)],
+)
+def test_a_robot_that_is_only_slow_is_never_refused(delay, acceleration, grid):
+    assert driven(Driver(delay=delay, acceleration=acceleration, grid=grid), random.Random(1), 0.25) == []
 
 
 def test_late_and_lost_messages_are_no_contradiction_and_a_reset_behind_them_is():
     for reset in (False, True):
-        driver, agreement, rng = Driver("reset" if reset else None, 20.0), Agreement(BURGER, NOISES["wheel"]), random.Random(3)
+        driver, agreement, rng = Driver("reset" if reset else None, 20.0), watch(), random.Random(3)
         command, since = Command(0.2, 0.5), 0.0
         for _ in range(600):
             said, since = driver.step(command), since + Driver.dt
@@ -134,7 +112,7 @@ def test_noise_is_no_contradiction_and_the_same_noise_is_where_the_model_has_non
     rng = random.Random(5)
     for name, expected in (("documented", False), ("wheel", True)):
         noise, driver = NOISES["documented"].odometry, Driver()
-        agreement = Agreement(BURGER, NOISES[name])
+        agreement = watch(name)
         for _ in range(20000):
             said = driver.step(Command(0.2, 0.7))
             spike = rng.choice((-noise.spike, noise.spike)) * (rng.random() < noise.spike_probability)
@@ -146,7 +124,7 @@ def test_noise_is_no_contradiction_and_the_same_noise_is_where_the_model_has_non
 def test_wheels_that_slip_as_the_model_says_are_no_contradiction():
     slippery = Noise(process=ProcessNoise(slip=0.5, slip_start=0.1, slip_end=0.1))
     for noise, expected in ((slippery, False), (Noise(odometry=OdometryNoise(wheel=True)), True)):
-        agreement, x = Agreement(BURGER, noise), 0.0
+        agreement, x = Agreement(ROBOTS["burger"], noise), 0.0
         for k in range(400):
             x += 0.01 * (0.2 if k % 100 < 50 else 1.0)
             agreement.judge(0.05, Odometry(Pose(x, 0.0, 0.0), Command(0.2, 0.0), True))
@@ -155,7 +133,7 @@ def test_wheels_that_slip_as_the_model_says_are_no_contradiction():
 
 def test_a_glitch_of_one_message_is_refused_and_forgotten():
     """As a TurtleBot3 sends it where its heading leaves [-pi, pi): a turning rate of 2 pi per message."""
-    driver, agreement = Driver(), Agreement(BURGER, NOISES["wheel"])
+    driver, agreement = Driver(), watch()
     for k in range(400):
         said = driver.step(Command(0.1, 0.3))
         glitch = k % 40 == 20
@@ -166,7 +144,7 @@ def test_a_glitch_of_one_message_is_refused_and_forgotten():
 
 @pytest.mark.parametrize(("across", "refused"), [(0.02, False), (0.05, True), (-0.05, True)])
 def test_a_twist_to_the_side_is_one_in_another_frame(across, refused):
-    driver, agreement = Driver(), Agreement(BURGER, NOISES["wheel"])
+    driver, agreement = Driver(), watch()
     for _ in range(40):
         said = SidewaysOdometry(*driver.step(Command(0.2, 0.0)))
         said.across = across
@@ -180,7 +158,7 @@ def test_a_twist_to_the_side_is_one_in_another_frame(across, refused):
 )
 def test_wheels_that_turn_the_other_way_show_at_once_though_the_command_alternates(crossed, delay, acceleration):
     driver = Driver("crossed" if crossed else None, 2.0, delay=delay, acceleration=(math.inf, acceleration))
-    agreement, omega, late = Agreement(BURGER, NOISES["wheel"]), 0.0, math.inf
+    agreement, omega, late = watch(), 0.0, math.inf
     for k in range(160):
         sign = 1.0 if k < 46 else (-1.0) ** (k // 4)  # from 2.3 s on it alternates every 0.2 s
         omega = 0.0 if k < 40 else sign
@@ -191,7 +169,7 @@ def test_wheels_that_turn_the_other_way_show_at_once_though_the_command_alternat
 
 def test_after_a_pause_the_robot_must_be_where_it_was():
     for x, refused in ((1.0, False), (1.3, False), (0.0, True), (2.0, True)):
-        agreement = Agreement(BURGER, NOISES["wheel"])
+        agreement = watch()
         agreement.judge(0.0, Odometry(Pose(1.0, 0.0, 0.0), STOP, True))
         agreement.pause()
         assert bool(agreement.judge(0.0, Odometry(Pose(x, 0.0, 0.0), STOP, True))) is refused
@@ -199,7 +177,7 @@ def test_after_a_pause_the_robot_must_be_where_it_was():
 
 
 def test_time_alone_ends_no_refusal_and_begin_does():
-    agreement, away = Agreement(BURGER, NOISES["wheel"]), Odometry(Pose(0.4, 0.0, 0.0), STOP, True)
+    agreement, away = watch(), Odometry(Pose(0.4, 0.0, 0.0), STOP, True)
     agreement.judge(0.0, Odometry(Pose(0.0, 0.0, 0.0), STOP, True))
     assert all(agreement.judge(0.05, away) for _ in range(2000))
     agreement.begin()
@@ -232,7 +210,7 @@ def test_each_mistake_of_a_driver_is_told_by_its_motion(moved, text):
 
 
 def test_a_twist_that_froze_shows_when_the_robot_turns_another_way():
-    driver, agreement = Driver("twist frozen", 1.0), Agreement(BURGER, NOISES["wheel"])
+    driver, agreement = Driver("twist frozen", 1.0), watch()
     for command in [Command(0.2, 0.0)] * 40 + [Command(0.2, 1.0)] * 20:
         assert agreement.cause == "" or driver.time > 2.01
         agreement.judge(Driver.dt, driver.step(command), command)
@@ -242,7 +220,7 @@ def test_a_twist_that_froze_shows_when_the_robot_turns_another_way():
 @pytest.mark.parametrize(("gap", "refused"), [(3.0, False), (0.05, True)])
 def test_a_robot_that_stands_after_a_gap_in_the_messages_has_not_disobeyed(gap, refused):
     """It stood because nobody was there to command it; with the same messages in time it does disobey."""
-    turning, agreement, heading = Command(0.0, 0.6), Agreement(BURGER, NOISES["wheel"]), 0.0
+    turning, agreement, heading = Command(0.0, 0.6), watch(), 0.0
     agreement.judge(0.0, Odometry(Pose(0.0, 0.0, 0.0), turning, True), turning)
     for _ in range(40):
         heading = wrapped(heading + 0.6 * Driver.dt)
@@ -253,13 +231,12 @@ def test_a_robot_that_stands_after_a_gap_in_the_messages_has_not_disobeyed(gap, 
     assert any("does not turn" in why for why in [*refusals, agreement.judge(Driver.dt, stands, turning)]) is refused
 
 
-@pytest.mark.parametrize("late", [0.3, 0.4, 0.5])
+@pytest.mark.parametrize("late", [0.3, 0.5])
 @pytest.mark.parametrize("turn", [2.0, -2.0])
 def test_a_heading_that_is_late_shows_when_the_robot_begins_to_turn(late, turn):
-    agreement, driver, headings, begins = Agreement(BURGER, NOISES["wheel"]), Driver(None, 0.0), [], 1.0
-    while driver.time < begins + 1.0 and not agreement.cause:
-        said = driver.step(Command(0.1, turn if driver.time >= begins else 0.0))
+    agreement, driver, headings = watch(), Driver(), [0.0] * round(late / Driver.dt)
+    while driver.time < 2.0 and not agreement.cause:
+        said = driver.step(Command(0.1, turn if driver.time >= 1.0 else 0.0))
         headings.append(said.pose.theta)
-        heading = headings[max(len(headings) - 1 - round(late / Driver.dt), 0)]
-        agreement.judge(Driver.dt, said._replace(pose=said.pose._replace(theta=heading)), None)
+        agreement.judge(Driver.dt, said._replace(pose=said.pose._replace(theta=headings.pop(0))), None)
     assert agreement.cause

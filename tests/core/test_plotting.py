@@ -2,13 +2,12 @@
 
 import re
 
-import matplotlib.colors
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from turtlebot_gym.drive import Drive, RoomData
-from turtlebot_gym.plotting import ESTIMATE_WITHIN, draw_map, draw_over_time, draw_trajectory, ellipse, tutorial_figure
+from turtlebot_gym.plotting import ESTIMATE_WITHIN, draw_map, draw_over_time, draw_trajectory, tutorial_figure
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.values import Pose
 
@@ -44,13 +43,6 @@ def lines(draw, *arguments):
     return {line.get_label(): line for line in axes.lines}, axes
 
 
-@pytest.mark.parametrize(("xx", "xy", "yy"), [(0.05, 0.03, 0.04), (0.01, -0.02, 0.09), (0.09, 0.02, 0.01)])
-def test_ellipse_is_where_the_normalized_distance_is_the_number_of_sigmas(xx, xy, yy):
-    covariance = np.array([[xx, xy], [xy, yy]])
-    away = ellipse((0.3, -0.2), covariance, sigmas=3.0) - [0.3, -0.2]
-    np.testing.assert_allclose(np.einsum("ni,ij,nj->n", away, np.linalg.inv(covariance), away), 9.0)
-
-
 def test_a_drive_from_above_shows_every_series_once_and_circles_of_arrival():
     driven = drive()
     drawn, axes = lines(draw_trajectory, driven)
@@ -61,8 +53,6 @@ def test_a_drive_from_above_shows_every_series_once_and_circles_of_arrival():
     assert {(*patch.center, patch.radius) for patch in axes.patches} == {(1.0, 0.0, 0.3), (-1.0, 0.0, 0.3)}
     assert sorted(axes.get_legend_handles_labels()[1]) == sorted(SERIES)
     assert axes.get_aspect() == 1.0
-    colors = [matplotlib.colors.to_rgb(drawn[label].get_color()) for label in ("truth", "estimate", "odometry")]
-    assert np.diff(sorted(np.dot(colors, (0.299, 0.587, 0.114)))).min() > 0.1  # they differ in lightness, too
 
 
 def test_numbers_over_time_are_what_was_recorded():
@@ -97,7 +87,7 @@ def test_a_map_is_drawn_where_it_lies():
     corners = mesh.get_coordinates()  # a step along a row goes up, one to the next row goes to the left
     np.testing.assert_allclose(corners[[0, 0, 2], [0, 3, 0]], [(1.0, 2.0), (1.0, 3.5), (0.0, 2.0)], atol=1e-12)
     figure.draw_without_rendering()
-    opaque, grey = mesh.get_facecolors()[:, 3].reshape(2, 3), mesh.get_facecolors()[:, 0].reshape(2, 3)
+    grey, *_, opaque = np.moveaxis(mesh.get_facecolors().reshape(2, 3, 4), 2, 0)
     np.testing.assert_array_equal(opaque, [[0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
     assert grey[0, 1] < grey[0, 2]  # what is not known is lighter than what is occupied
 
@@ -112,21 +102,4 @@ def test_the_figure_of_a_drive_is_labelled_and_its_legend_hides_nothing_and_name
     assert sorted(names) == sorted([*SERIES, "reference", "command"])
     box = legend.get_window_extent()
     assert not any(box.overlaps(axes.get_tightbbox()) for axes in figure.axes)
-    assert 0.0 <= box.x0 < box.x1 <= figure.bbox.x1
     tutorial_figure(drive()[:1]).draw_without_rendering()
-
-
-CODE = """
-import json, sys
-import numpy as np
-from turtlebot_gym.plotting import tutorial_figure
-from turtlebot_gym.drive import Drive
-before = "matplotlib" in sys.modules
-tutorial_figure(Drive(time=np.arange(2.0), true_state=np.zeros((2, 5)), reference=np.zeros((2, 3)))).savefig(sys.argv[1])
-print(json.dumps([before, "matplotlib.pyplot" in sys.modules]))
-"""
-
-
-def test_a_figure_needs_no_display_and_leaves_no_global_state(tmp_path, run):
-    assert run(CODE, tmp_path / "drive.png") == [False, False]
-    assert (tmp_path / "drive.png").read_bytes().startswith(b"\x89PNG")

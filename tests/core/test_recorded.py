@@ -23,15 +23,12 @@ def wheel(**numbers):
     return OdometryNoise(wheel=True, **numbers)
 
 
-@pytest.mark.parametrize("dt", [0.05, 0.1])
-@pytest.mark.parametrize(("rate", "v"), [("leap", 0.1), ("reset", 0.1), ("reverse", -0.1)])
+@pytest.mark.parametrize(("rate", "v", "dt"), [("leap", 0.1, 0.1), ("reset", 0.1, 0.05), ("reverse", -0.1, 0.1)])
 def test_rates_are_per_tenth_of_a_second(rate, v, dt):
     numbers, steps = {f"{rate}_probability": 0.1, "leap": 1.0}, round(4000 * DT / dt)
     wrong = sum(counted(BEFORE, AFTER, v, wheel(**numbers), KEY, at, dt) != AFTER for at in range(steps))
     assert abs(wrong - 400) < 4.0 * math.sqrt(400.0)  # one key in 10^4
     assert all(counted(BEFORE, AFTER, v, wheel(leap=1.0), KEY, at, dt) == AFTER for at in range(100))
-    with pytest.raises(ValueError, match=f"OdometryNoise.{rate}_probability must be 0 without wheel"):
-        OdometryNoise(**numbers)
 
 
 def test_a_leap_has_its_length_in_any_direction_and_its_turn_to_either_side():
@@ -95,12 +92,3 @@ def test_a_leap_is_what_is_farther_than_the_twist_explains_in_the_time_since_the
         kf.step(Command(0.2, 0.0))
     kf.step(Command(0.2, 0.0), Pose(way, 0.0, 0.0))
     assert bool(kf.belief.mean[0] == pytest.approx(way)) is carried
-
-
-def test_the_twist_is_counted_as_the_pose_is():
-    backing = Episode(make_parameters(NAV, noise=replace(STEADY, odometry=wheel(reverse_probability=1.0))), seed=1)
-    for _ in range(10):
-        backing.act((-0.5, 0.0))
-    truth, start = backing.world.body, backing.world.senses.odometry
-    assert truth.true_state.v < 0.0 < start.twist.v
-    assert backing.world.estimate.belief.mean.v > 0.0

@@ -5,10 +5,8 @@ import numpy as np
 import own_parts
 import pytest
 
-from turtlebot_gym import Episode, Options
-from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.rewards import IN_ROOMS, NEARNESS, ON_GROUND, ON_MISSIONS, RewardTerm
-from turtlebot_gym.systems import system_of
+from turtlebot_gym import Options
+from turtlebot_gym.rewards import IN_ROOMS, ON_GROUND, ON_MISSIONS
 
 TASKS = {"Nav": ON_GROUND, "Square": ON_GROUND, "Rooms": IN_ROOMS, "Missions": ON_MISSIONS}
 SPIN = {"own_parts:SPIN": 100.0}
@@ -44,8 +42,7 @@ def test_the_shares_add_up_to_the_reward_in_the_order_of_the_terms(task):
         assert reward == total
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("task", ["Nav", "Rooms", "Missions"])
+@pytest.mark.parametrize("task", ["Nav", "Rooms"])
 def test_a_term_of_ones_own_adds_its_share_and_nothing_else(task):
     spun = 0.0
     for (plain, _), (reward, shares) in zip(rewards(task), rewards(task, reward=SPIN), strict=True):
@@ -60,17 +57,6 @@ def test_a_weight_scales_its_share(task):
         assert shares == usual | {"effort": 2.0 * usual["effort"]}
 
 
-@pytest.mark.parametrize("fix", [None, "late"])
-def test_the_compiled_loops_add_terms_of_ones_own_too(in_step, fix):
-    setup = Options(reward=SPIN, noise="documented", fix=fix).setup()
-    batch = Batch(40, setup.parameters, setup.waypoints, system=setup.system, shares=True)
-    plain = {row: Episode(setup.parameters, setup.waypoints, seed=row, system=setup.system) for row in (0, 39)}
-    for row in range(40):
-        batch.seeds[row] = row
-    for _ in in_step(batch, plain, [0.2, -0.6], [1.0, 0.6], 40):
-        pass
-
-
 def test_a_system_of_ones_own_brings_its_terms():
     options = {"system": own_parts.system_with_spin, "reward": {"spin": 7.0}}
     setup = Options(**options).setup()
@@ -79,9 +65,5 @@ def test_a_system_of_ones_own_brings_its_terms():
 
 
 def test_a_term_of_a_room_is_refused_on_open_ground():
-    system = system_of(Options().setup().parameters)
-    with pytest.raises(ValueError, match="the reward has a term 'time' already: give yours another name"):
-        system.with_rewards(RewardTerm("time", own_parts.spin, 1.0))
     with pytest.raises(ValueError, match=r"reward on open ground .* must be one of .* got 'nearness'"):
         gym.make("turtlebot_gym/TurtleBotNav-v0", reward={"nearness": 1.0})
-    assert NEARNESS in IN_ROOMS

@@ -99,108 +99,83 @@ def test_few_returns_are_a_cover_after_half_a_second_unless_halls_are_allowed():
     assert not any(reasons(AHEAD, [covered] * 30, watch=watch(returns=0.0)))
 
 
-class Drives:
-    """Robots that wander in rooms of their own, with a LiDAR that is mounted turned by some quarters of a turn."""
-
-    def __init__(self, lidar, number, *, seed, noise="clean"):
-        self.lidar, self.rng, rooms = (
-            LIDARS[lidar],
-            np.random.default_rng(seed),
-            ["dense", "clutter", "corridor", "office", "crowd"],
-        )
-        base = make_parameters(ROOM, robot="burger", integrator="midpoint", dt=DT, delay=1, noise=noise)
-        kinds = [
-            base._replace(reward=default_weights(IN_ROOMS), room=make_room(ROOMS[rooms[k % 5]], self.lidar, DT))
-            for k in range(number)
-        ]
-        self.batch, self.number = Batch(number, kinds, (Pose(0.0, 0.0, 0.0),)), number
-        self.batch.seeds[:] = 1000 * seed + np.arange(number)
-        self.batch.reset(np.ones(number, np.bool_), *self.batch.empty())
-
-    def refused(self, seconds, faults, *, measured=False):
-        """Return when each robot's scans are refused, s, by fault; infinite for never.
-
-        Faults are the quarters by which its mount is wrong, "mirrored", "still" (those of a robot that stands) and the delay of
-        scans, s, as a float.
-        """
-        n, angles = self.number, self.lidar.yaw + 2.0 * math.pi / self.lidar.beams * np.arange(self.lidar.beams)
-        watches = {quarter: [watch() for _ in range(n)] for quarter in faults}
-        times = {quarter: np.full(n, math.inf) for quarter in faults}
-        history, noise = [], np.random.default_rng(9)
-        commands, until = np.zeros((n, 2)), np.zeros(n, int)
-        for tick in range(round(seconds / DT)):
-            due, now = until <= tick, T + tick * DT
-            v = self.rng.choice([0.2, 0.2, 0.2, 0.1, -0.2, 0.0], due.sum())
-            commands[due] = np.stack(
-                (v, self.rng.choice([0.0, 0.0, 0.3, 1.0, 2.0], due.sum()) * self.rng.uniform(-1, 1, due.sum())), 1
-            )
-            until[due] = tick + self.rng.integers(5, 40, due.sum())
-            scans = self.batch.scenes.lidar.ranges[:, 1].copy()
-            history.append(scans)
-            blocked = (scans[:, np.abs(np.angle(np.exp(1j * angles))) < 0.5].min(axis=1) < 0.35) & (commands[:, 0] > 0.0)
-            commands[blocked], until[blocked] = (0.0, 1.5), np.maximum(until[blocked], tick + 3)
-            touched, twists = self.batch.numbers("room.least").reshape(n) < 0.0, self.batch.numbers("body.true_state")
-            for quarter, robots in watches.items():
-                for k in np.flatnonzero(~touched & np.isinf(times[quarter])):
-                    if tick % max(1, round(1.0 / (self.lidar.rate * DT))) == 0:
-                        seen, directions = scans[k], angles
-                        if quarter == "mirrored":
-                            directions = -angles
-                        elif quarter == "still":
-                            seen = (history[0][k] + noise.normal(0.0, 0.01, len(angles))).astype(np.float32)
-                        elif isinstance(quarter, float):
-                            late = history[max(0, tick - round(quarter / DT))][k]
-                            blur = noise.normal(0.0, 0.005, len(angles)) * (late > 0.0)
-                            seen = (late + blur).astype(np.float32)
-                        else:
-                            directions = angles + 0.5 * math.pi * quarter
-                        robots[k].hear(beams(seen, directions), now, range_max=self.lidar.range_max)
-                        times[quarter][k] = now - T if robots[k].trouble() else math.inf
-                    robots[k].track.add(Command(*commands[k]), now)
-                    if measured:
-                        robots[k].move(Command(*twists[k, 3:].tolist()), now)
-            self.batch.step((commands / (BURGER.max_linear, BURGER.max_angular)).astype(np.float32))
-        return times
+KINDS = ["dense", "clutter", "corridor", "office", "crowd"]
+DRIVEN = [name if name == "lds01" else pytest.param(name, marks=pytest.mark.slow) for name in LIDARS]
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("number", [10, pytest.param(25, marks=pytest.mark.nightly)])
-@pytest.mark.parametrize("lidar", LIDARS)
-def test_a_mount_that_contradicts_the_motion_is_refused_and_a_right_one_is_not(lidar, number):
-    times = Drives(lidar, number, seed=3).refused(20.0, [*range(4), "mirrored", "still"])
-    alone = np.arange(number) % 5 != 4  # somebody who walks beside the robot looks like a part that stands still
+def refused(lidar, number, seconds, faults, *, seed, measured=False):
+    """Let robots wander, each in a room of its own; return when the scans of each are refused, s, by fault, infinite for never.
+
+    A fault is by how many quarters of a turn the mount is wrong, "mirrored", "still" (the scans of a robot that stands), or as
+    a float the delay of scans, s.
+    """
+    lidar, rng, noise = LIDARS[lidar], np.random.default_rng(seed), np.random.default_rng(9)
+    base = make_parameters(ROOM, robot="burger", integrator="midpoint", dt=DT, delay=1, noise="clean")
+    base = base._replace(reward=default_weights(IN_ROOMS))
+    rooms = [base._replace(room=make_room(ROOMS[KINDS[k % 5]], lidar, DT)) for k in range(number)]
+    batch = Batch(number, rooms, (Pose(0.0, 0.0, 0.0),))
+    batch.seeds[:] = 1000 * seed + np.arange(number)
+    batch.reset(np.ones(number, np.bool_), *batch.empty())
+    angles = lidar.yaw + 2.0 * math.pi / lidar.beams * np.arange(lidar.beams)
+    watches = {fault: [watch() for _ in range(number)] for fault in faults}
+    times = {fault: np.full(number, math.inf) for fault in faults}
+    history, commands, until = [], np.zeros((number, 2)), np.zeros(number, int)
+
+    def seen(fault, k, scan):
+        """Return ranges and directions as a fault makes them."""
+        if isinstance(fault, int):
+            return scan, angles + 0.5 * math.pi * fault
+        if fault == "mirrored":
+            return scan, -angles
+        then = history[0 if fault == "still" else max(0, len(history) - 1 - round(fault / DT))][k]
+        return then + noise.normal(0.0, 0.005, len(angles)) * (then > 0.0), angles
+
+    for tick in range(round(seconds / DT)):
+        due, now, scans = until <= tick, T + tick * DT, batch.scenes.lidar.ranges[:, 1].copy()
+        turns = rng.choice([0.0, 0.0, 0.3, 1.0, 2.0], due.sum()) * rng.uniform(-1.0, 1.0, due.sum())
+        commands[due] = np.stack((rng.choice([0.2, 0.2, 0.2, 0.1, -0.2, 0.0], due.sum()), turns), 1)
+        until[due] = tick + rng.integers(5, 40, due.sum())
+        history.append(scans)
+        blocked = (scans[:, np.abs(np.angle(np.exp(1j * angles))) < 0.5].min(axis=1) < 0.35) & (commands[:, 0] > 0.0)
+        commands[blocked], until[blocked] = (0.0, 1.5), np.maximum(until[blocked], tick + 3)
+        touched, twists = batch.numbers("room.least").reshape(number) < 0.0, batch.numbers("body.true_state")
+        for fault, robots in watches.items():
+            for k in np.flatnonzero(~touched & np.isinf(times[fault])):
+                if tick % max(1, round(1.0 / (lidar.rate * DT))) == 0:
+                    robots[k].hear(beams(*seen(fault, k, scans[k])), now, range_max=lidar.range_max)
+                    times[fault][k] = now - T if robots[k].trouble() else math.inf
+                robots[k].track.add(Command(*commands[k]), now)
+                if measured:
+                    robots[k].move(Command(*twists[k, 3:].tolist()), now)
+        batch.step((commands / (BURGER.max_linear, BURGER.max_angular)).astype(np.float32))
+    return times
+
+
+@pytest.mark.parametrize("lidar", DRIVEN)
+def test_a_mount_that_contradicts_the_motion_is_refused_and_a_right_one_is_not(lidar):
+    times = refused(lidar, 10, 20.0, [*range(4), "mirrored", "still"], seed=3)
+    alone = np.arange(10) % 5 != 4  # somebody who walks beside the robot looks like a part that stands still
     assert np.isinf(times[0][alone]).all()
-    for fault in ("mirrored", "still"):
-        assert np.isfinite(times[fault]).mean() > 0.7
-        assert np.median(times[fault][np.isfinite(times[fault])]) < 5.0
-    for quarter in (1, 2, 3):
-        caught = np.isfinite(times[quarter])
-        assert caught.mean() > 0.8  # the others touched something before, or stood
-        assert np.median(times[quarter][caught]) < 3.0
+    for fault, share, seconds in (("mirrored", 0.7, 5.0), ("still", 0.7, 5.0), (1, 0.8, 3.0), (2, 0.8, 3.0), (3, 0.8, 3.0)):
+        caught = np.isfinite(times[fault])
+        assert caught.mean() > share  # the others touched something before, or stood
+        assert np.median(times[fault][caught]) < seconds
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize(
-    ("number", "refused"), [(10, {1.6: 0.7}), pytest.param(25, {0.8: 0.2, 1.2: 0.7, 1.6: 0.9}, marks=pytest.mark.nightly)]
-)
-@pytest.mark.parametrize("lidar", LIDARS)
-def test_scans_that_are_late_are_refused_where_the_robot_measures_its_motion_and_slow_ones_are_not(lidar, number, refused):
-    """By delay, s: the least share of robots whose scans are refused."""
-    times = Drives(lidar, number, seed=4).refused(20.0, [0, 0.2, *refused], measured=True)
+@pytest.mark.parametrize("lidar", DRIVEN)
+def test_scans_that_are_late_are_refused_where_the_robot_measures_its_motion_and_slow_ones_are_not(lidar):
+    times = refused(lidar, 10, 20.0, [0, 0.2, 1.6], seed=4, measured=True)
     assert all(np.isinf(times[late]).all() for late in (0, 0.2))
-    assert all(np.isfinite(times[late]).mean() > share for late, share in refused.items())
+    assert np.isfinite(times[1.6]).mean() > 0.7
 
 
 def test_a_wrong_mount_stays_refused_until_a_person_enables_the_robot():
     w = watch()
     room = 1.5 / np.maximum(np.abs(np.cos(AROUND + 0.3)), np.abs(np.sin(AROUND + 0.3)))
-    x, y = room * np.cos(AROUND), room * np.sin(AROUND)
     w.track.add(AHEAD, T)
     for k in range(20):  # the points come nearer from behind
-        px, py = x + 0.02 * k, y
-        angle, far = np.arctan2(py, px), np.hypot(px, py)
-        order = np.argsort(angle % (2 * math.pi))
-        w.hear(beams(np.interp(AROUND, angle[order] % (2 * math.pi), far[order])), T + 0.1 * k)
+        points = room * np.exp(1j * AROUND) + 0.02 * k
+        w.hear(beams(np.interp(AROUND, np.angle(points) % (2.0 * math.pi), np.abs(points), period=2.0 * math.pi)), T + 0.1 * k)
     said = "the scans move as if the LiDAR were mounted turned by 180 degrees: correct its mount, and enable the robot again"
     assert w.trouble() == said
     for k in range(4):  # scans in which no mount fits better than another

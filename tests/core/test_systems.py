@@ -7,7 +7,7 @@ import pytest
 from own_parts import slide
 from scipy import stats
 
-import turtlebot_gym
+from turtlebot_gym import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
@@ -16,7 +16,6 @@ from turtlebot_gym.heart import Episode
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import normals
 from turtlebot_gym.observations import Observation, ObservationTerm
-from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Options, Sensor, make_parameters, open_ground, system_of
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
@@ -87,8 +86,6 @@ def test_an_episode_takes_another_plant_that_is_no_kernel():
 
 # The parts, by numbers that were worked out by hand.
 
-BURGER = ROBOTS["burger"]
-
 
 @pytest.mark.parametrize("delay", [0, 1, 2, 3])
 def test_a_command_comes_as_many_steps_late_as_asked_for(delay):
@@ -103,13 +100,10 @@ def test_a_command_comes_as_many_steps_late_as_asked_for(delay):
 @pytest.mark.parametrize("wheel", [True, False])
 @pytest.mark.parametrize("integrator", ["euler", "midpoint"])
 def test_a_filter_that_knows_the_wheels_follows_the_robot_and_another_one_does_not(wheel, integrator):
-    process = turtlebot_gym.ProcessNoise(scale=0.9, turn_scale=0.62, veer=0.1)
-    odometry = turtlebot_gym.OdometryNoise(wheel=wheel, dropout_probability=1.0 - wheel)
-    errors = []
+    odometry, errors = OdometryNoise(wheel=wheel, dropout_probability=1.0 - wheel), []
+    noise = Noise(process=ProcessNoise(scale=0.9, turn_scale=0.62, veer=0.1), odometry=odometry)
     for name in ("calibrated", "matched"):
-        noise = turtlebot_gym.Noise(process=process, odometry=odometry)
-        p = make_parameters(SQUARE, noise=noise, filter=name, integrator=integrator)
-        episode = Episode(p, SQUARE_WAYPOINTS)
+        episode = Episode(make_parameters(SQUARE, noise=noise, filter=name, integrator=integrator), SQUARE_WAYPOINTS)
         for at in range(50):
             episode.step(Command(0.2, 0.8 if at % 20 < 10 else -0.3))
         true, mean = episode.world.body.true_state, episode.world.estimate.belief.mean
@@ -120,8 +114,7 @@ def test_a_filter_that_knows_the_wheels_follows_the_robot_and_another_one_does_n
 
 @pytest.mark.parametrize("lost", [1.0, 0.3])
 def test_a_lost_measurement_leaves_all_of_the_last_pose_and_the_filter_predicts_as_often_as_stated(lost):
-    odometry = turtlebot_gym.OdometryNoise(dropout_probability=lost, R=(0.01, 0.01, 0.01))
-    p = make_parameters(SQUARE, noise=turtlebot_gym.Noise(odometry=odometry))
+    p = make_parameters(SQUARE, noise=Noise(odometry=OdometryNoise(dropout_probability=lost, R=(0.01, 0.01, 0.01))))
     episode, missed = Episode(p, SQUARE_WAYPOINTS, seed=3), 0
     before = episode.world
     assert before.senses.odometry.measured  # the first one always arrives
