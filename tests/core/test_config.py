@@ -117,13 +117,6 @@ def test_what_does_not_go_together_is_refused(kind, field, wrong):
         kind(**NEEDED.get(kind, {}) | {field: wrong})
 
 
-def test_parts_keep_the_fields_that_are_not_given_and_a_name_chooses_another_class():
-    made = make_noise({"base": "rough", "odometry": {"dropout_probability": 0.3}})
-    assert made == replace(ROUGH, odometry=replace(ROUGH.odometry, dropout_probability=0.3))
-    other = make_filter({"base": "gated", "kind": {"name": "Kalman", "gate": 9.0}}, ROUGH)
-    assert (type(other.kind).__name__, other.kind.gate) == ("Kalman", 9.0)
-
-
 # Each kind of option: by name, as such, by mapping, by file, and as a variant.
 
 ROUGH, A1 = NOISES["rough"], LIDARS["a1"]

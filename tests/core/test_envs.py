@@ -95,19 +95,6 @@ def test_pictures_are_those_of_the_scalar_environments(mode):
     np.testing.assert_array_equal(envs.render()[1], alone.render())  # without the trails of the episode before
 
 
-def test_a_reset_of_one_row_leaves_the_trails_of_the_others():
-    envs = square(2, max_episode_steps=50)
-    envs.reset(seed=0)
-    for _ in range(5):
-        envs.render()
-        envs.step(np.tile(STRAIGHT, (2, 1)))
-    before = envs.render()
-    envs.reset(seed=[None, 1], options={"reset_mask": np.array([False, True])})
-    after = envs.render()
-    np.testing.assert_array_equal(after[0], before[0])
-    assert (after[1] != before[1]).any()
-
-
 def test_gymnasium_records_videos(tmp_path):
     pytest.importorskip("moviepy")
     env = gym.make(NAV, render_mode="rgb_array", max_episode_steps=4)

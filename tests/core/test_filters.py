@@ -12,7 +12,7 @@ from turtlebot_gym.estimation import ekf, update
 from turtlebot_gym.estimation.filters import KalmanFilter, covariance_of, filter_of, matrix
 from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, judge
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
-from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gated, Kalman, Tutorial
+from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman, Tutorial
 from turtlebot_gym.presets import POSE_GATE, ROUGH, TUTORIAL_FILTER, WHEEL
 from turtlebot_gym.systems.imu import Imu, ImuNoise
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State, senses_of
@@ -297,20 +297,3 @@ def test_steps_of_the_object_are_those_of_the_function(name):
     for wrong in ({"dt": 0.0}, {"dt": math.nan}, {"integrator": "rk4"}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             KalmanFilter(tuning, **wrong)
-
-
-def test_a_covariance_is_that_of_the_pose_and_the_variances_of_the_twist():
-    full = [[1, 2, 3, 0, 0], [2, 4, 5, 0, 0], [3, 5, 6, 0, 0], [0, 0, 0, 7, 0], [0, 0, 0, 0, 8]]
-    assert matrix(Covariance(*range(1, 9))).tolist() == np.array(full)[:3, :3].tolist()
-    assert covariance_of(np.array(full)) == tuple(range(1, 9))
-
-
-def test_tunings_by_name():
-    """Numbers of the preset rough: 0.02 rad, spikes of 0.3 rad in 2 %, half of the motion lost in slip."""
-    known, gated = make_filter("matched", ROUGH), make_filter("gated", ROUGH)
-    assert (known.kind, gated.kind) == (Kalman(**POSE_GATE), Gated(heading_gate=6.635, **POSE_GATE))
-    assert known.R[2] == pytest.approx(0.02**2 + 0.02 * 0.3**2)
-    assert gated.R[2] == 0.02**2
-    assert gated.process == known.process
-    with pytest.raises(ValueError, match=r"FilterTuning\.kind must be one of"):
-        filter_of(replace(PLAIN, kind=ROUGH))

@@ -146,26 +146,3 @@ def test_late_fixes_leave_the_filter_consistent_and_naive_fusion_does_not():
         means.append(float(np.mean(values)))
     low, high = stats.chi2.ppf((0.5e-4, 1.0 - 0.5e-4), 180) / 60.0
     assert low < means[0] < high < means[1]
-
-
-ALONG, ACROSS = np.array([math.cos(math.pi / 6.0), 0.5]), np.array([-0.5, math.cos(math.pi / 6.0)])
-
-
-def test_along_a_corridor_the_full_covariance_is_consistent_and_three_times_as_exact_across_it_as_its_diagonal():
-    # 60 independent drives, in a corridor that is turned by 30 degrees: each sum is chi-square with 60 degrees of freedom.
-    wheels, R = make_noise("wheel"), 0.5**2 * np.outer(ALONG, ALONG) + 0.02**2 * np.outer(ACROSS, ACROSS)
-    noise = replace(wheels, process=replace(wheels.process, alpha1=4.0, alpha3=0.1))
-    fix = FixNoise(R=(R[0, 0], R[1, 1]), cross=(R[0, 1], 0.0, 0.0), period=0.5)
-    assert fix.R[2] == math.inf  # two variances mean that the heading is not measured
-    p, squares, sizes = make_parameters(ENDLESS, noise=noise, fix=fix), [], []
-    for changes in ({}, {"cross": (0.0, 0.0, 0.0)}):
-        errors = []
-        for (mean, P), truth in ends(p, **changes):
-            off, P = np.array(mean[:2]) - truth[:2], matrix(P)[:2, :2]
-            errors.append([((off @ u) ** 2, u @ P @ u) for u in (ALONG, ACROSS)])
-        off, stated = np.moveaxis(errors, 2, 0)
-        squares.append((off / stated).mean(axis=0))
-        sizes.append(math.sqrt(off[:, 1].mean()))
-    low, high = stats.chi2.ppf((0.5e-4, 1.0 - 0.5e-4), 60) / 60.0
-    assert ((low < squares[0]) & (squares[0] < high)).all(), squares
-    assert 3.0 * sizes[0] < sizes[1], sizes

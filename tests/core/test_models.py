@@ -2,14 +2,13 @@
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from turtlebot_gym.models.angles import sincos, wrap
-from turtlebot_gym.models.odometry import increment, measure
+from turtlebot_gym.models.odometry import measure
 from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, execution_variances, expected, limit, slips
 from turtlebot_gym.parameters import OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS
@@ -140,25 +139,6 @@ def test_bursts_of_slip_last_as_long_as_stated(dt):
 
 
 POSE, WHEELS = Pose(1.0, -2.0, 3.0), Pose(0.5, -1.5, 2.5)
-
-
-def test_increments_carry_a_pose_along_whatever_the_frame():
-    """Moving by increments equals moving in the frame of the odometry, for any offset between the frames."""
-    rng = np.random.default_rng(1)
-    offset = Pose(0.7, -0.4, 2.0)
-    path = [Pose(*row) for row in np.cumsum(rng.uniform(-0.3, 0.3, (50, 3)), axis=0).tolist()]
-
-    def placed(pose):
-        sine, cosine = sincos(offset.theta)
-        x, y = cosine * pose.x - sine * pose.y, sine * pose.x + cosine * pose.y
-        return Pose(offset.x + x, offset.y + y, offset.theta + pose.theta)
-
-    pose = placed(path[0])
-    for before, after in pairwise(path):
-        pose = increment(pose, before, after, sincos(pose.theta - before.theta))
-        expected = placed(after)
-        assert pose[:2] == pytest.approx(expected[:2], abs=1e-12)
-        assert math.remainder(pose.theta - expected.theta, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
 
 
 # Numbers worked out by hand; nothing is symmetric in x, y and theta.

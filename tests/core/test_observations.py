@@ -22,7 +22,9 @@ OBSERVED = {
 }
 
 
-@pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.slow] * ("room" in case)) for case in OBSERVED])
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.slow] * ("room" in case or "order" in case)) for case in OBSERVED]
+)
 def test_an_observation_is_the_same_in_scalar_vector_and_plain_environments(case):
     """Through an episode's end and the next one's start, where a history begins anew."""
     id, observation, options, size = OBSERVED[case]

@@ -11,7 +11,6 @@ import pytest
 
 from turtlebot_gym import Episode, ObservationTerm, make_filter, make_noise, make_parameters
 from turtlebot_gym.estimation.filters import matrix
-from turtlebot_gym.files import load_object, source_of
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.systems import Options
 
@@ -57,6 +56,10 @@ def test_environments_take_a_system_by_name_and_pickle_with_it():
         ({"filter": "no_such_module:Filter"}, "No module named 'no_such_module'"),
         ({"filter": "own_parts:nothing"}, "filter must be a tuning, or what makes one, got 3"),
         ({"filter": "own_parts:Small"}, "own_parts:Small: x must hold 5 finite numbers"),
+        ({"filter": "gyro"}, "filter 'gyro' reads the sensor 'imu'"),
+        ({"dt": 1e-4, "fix": "late"}, "fix must come at most 25 steps late"),
+        ({"waypoints": [(1.0, 0.0, 0.0)]}, "waypoints"),
+        ({"reward": {"tim": 1.0}}, "reward .*'tim'.* Did you mean 'time'"),
         ({"system": "own_parts:nothing"}, "system must be a System, a function of the parameters that returns one, .* got 3"),
         (
             {"observation": ("ekf", ObservationTerm("hidden", kernel(lambda world, p: 0.0), -1.0, 1.0))},
@@ -66,7 +69,7 @@ def test_environments_take_a_system_by_name_and_pickle_with_it():
     ],
     ids=str,
 )
-def test_what_is_none_is_refused(options, message):
+def test_what_cannot_be_or_does_not_go_together_is_refused(options, message):
     with pytest.raises(ValueError, match=message):
         gym.make(NAV, **options)
 
@@ -93,10 +96,3 @@ def told(**options):
 def test_an_object_is_what_its_name_is(given, names):
     assert told(**given) == told(**names)
     assert told(**given) != told()
-
-
-def test_a_name_finds_the_object_again():
-    source = source_of(SPEEDOMETER, "own_terms")
-    assert source == "own_terms:SPEEDOMETER"
-    assert load_object(source) is SPEEDOMETER
-    assert source_of(SPEEDOMETER, "no_such_module", "own_parts") == ""

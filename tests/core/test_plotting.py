@@ -7,9 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from turtlebot_gym.drive import Drive, RoomData
-from turtlebot_gym.plotting import ESTIMATE_WITHIN, draw_map, draw_over_time, draw_trajectory, tutorial_figure
-from turtlebot_gym.rooms.grid import GridMap
-from turtlebot_gym.values import Pose
+from turtlebot_gym.plotting import ESTIMATE_WITHIN, draw_over_time, draw_trajectory, tutorial_figure
 
 HAS_UNIT = re.compile(r".+ \((m|s|rad|m/s|rad/s)\)$")
 SERIES = ["truth", "estimate", ESTIMATE_WITHIN, "odometry", "waypoint", "start"]
@@ -77,19 +75,6 @@ def test_wrapping_leaves_no_jump(turns):
     assert truth[-1] - truth[0] == pytest.approx(2.0 * np.pi * turns)
     for label in ("estimate", "odometry"):
         assert np.abs(drawn[label].get_ydata() - truth).max() < 1.0
-
-
-def test_a_map_is_drawn_where_it_lies():
-    cells = np.array([[0, 100, -1], [0, 0, 0]], np.int8)
-    figure = Figure()
-    axes = draw_map(figure.subplots(), GridMap(cells=cells, resolution=0.5, origin=Pose(1.0, 2.0, np.pi / 2.0)))
-    (mesh,) = axes.collections
-    corners = mesh.get_coordinates()  # a step along a row goes up, one to the next row goes to the left
-    np.testing.assert_allclose(corners[[0, 0, 2], [0, 3, 0]], [(1.0, 2.0), (1.0, 3.5), (0.0, 2.0)], atol=1e-12)
-    figure.draw_without_rendering()
-    grey, *_, opaque = np.moveaxis(mesh.get_facecolors().reshape(2, 3, 4), 2, 0)
-    np.testing.assert_array_equal(opaque, [[0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
-    assert grey[0, 1] < grey[0, 2]  # what is not known is lighter than what is occupied
 
 
 def test_the_figure_of_a_drive_is_labelled_and_its_legend_hides_nothing_and_names_each_series_once():

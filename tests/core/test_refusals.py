@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from gymnasium.error import Error, InvalidAction, ResetNeeded
 
-from turtlebot_gym.envs.navigation import NavigationEnv
-
 NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
 NAN, INF = math.nan, math.inf
 
@@ -45,22 +43,6 @@ WRONG = {
 def test_options_are_refused_by_name(maker, name):
     for wrong in WRONG[name]:
         refused(lambda wrong=wrong: maker(SQUARE, **{name: wrong}), rf"(a term of )?{name}\b")
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"dt": 1e-4, "fix": "late"}, "fix"),
-        ({"reward": {"tim": 1.0}}, "reward .*'tim'.* Did you mean 'time'"),
-        ({"reward": {"math:pi": 1.0}}, r"reward\['math:pi'\]"),
-        ({"reward": {"nosuch:SPIN": 1.0}}, "'nosuch:SPIN'"),
-        ({"task": "nav", "waypoints": [(1.0, 0.0, 0.0)]}, "waypoints"),
-        ({"filter": "gyro"}, "filter 'gyro' reads the sensor 'imu'"),
-    ],
-    ids=str,
-)
-def test_options_that_do_not_go_together_are_refused(maker, options, named):
-    refused(lambda: maker(SQUARE, **options), named)
 
 
 VECTORS = {"num_envs": 0, "info": "some", "autoreset_mode": "later", "render_mode": "human", "max_episode_steps": 0}
@@ -133,11 +115,3 @@ def test_stepping_an_ended_environment_is_an_error_where_autoreset_is_disabled()
         _, _, _, truncated, _ = env.step(np.zeros((3, 2), np.float32))
     assert truncated.tolist() == [False, True, True]
     refused(lambda: env.step(np.zeros((3, 2), np.float32)), "Environment 1", Error)
-
-
-def test_what_cannot_be_drawn_or_told_is_refused(maker):
-    refused(lambda: NavigationEnv(render_mode="ansi"), "render_mode must be one of")
-    refused(lambda: maker(NAV, render_mode="rgb_array").unwrapped.render(), ".*before render", ResetNeeded)
-    with pytest.warns(UserWarning, match="needs a render_mode"):
-        assert maker(NAV).unwrapped.render() is None
-    refused(vector().unwrapped.truth, "truth is of rooms")

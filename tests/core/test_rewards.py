@@ -51,12 +51,6 @@ def test_a_term_of_ones_own_adds_its_share_and_nothing_else(task):
     assert spun < -1.0
 
 
-@pytest.mark.parametrize("task", ["Nav", "Rooms"])
-def test_a_weight_scales_its_share(task):
-    for (_, usual), (_, shares) in zip(rewards(task), rewards(task, reward={"effort": 0.02}), strict=True):
-        assert shares == usual | {"effort": 2.0 * usual["effort"]}
-
-
 def test_a_system_of_ones_own_brings_its_terms():
     options = {"system": own_parts.system_with_spin, "reward": {"spin": 7.0}}
     setup = Options(**options).setup()

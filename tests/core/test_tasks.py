@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from turtlebot_gym.heart import Episode, step
-from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.observations import OPEN_GROUND, Observation, goal_from, next_goal_from, twist_of, uncertainty_of
 from turtlebot_gym.observations.columns import bounds_of
@@ -37,14 +37,6 @@ def test_observation_in_the_body_frame():
     assert (looking_left.cos_turn, looking_left.sin_turn) == pytest.approx((math.sin(1.0), -math.cos(1.0)))
     at_goal = seen(State(2.0, 0.0, 2.0, 0.0, 0.0), following=GOAL)  # where the bearing is straight ahead
     assert at_goal[:3] == at_goal[10:] == (0.0, 1.0, 0.0)
-
-
-def test_rounding_takes_no_direction_out_of_its_bounds():
-    """The quotient behind the sine of this bearing is rounded to just above 1."""
-    theta, distance = -2.6123836423026234, 2.5146680281948535
-    sine, cosine = sincos(theta)
-    beside = seen(State(0.0, 0.0, theta, 0.0, 0.0), reference=Pose(-sine * distance, cosine * distance, 0.0))
-    assert beside.sin_bearing == 1.0
 
 
 def test_the_remaining_distance_is_counted_past_a_completed_waypoint():
@@ -162,13 +154,6 @@ def test_the_square_by_time_switches_every_15_s_and_does_not_end():
     assert switches[:4] == [150, 300, 450, 600]
     assert not any(come.terminated for come, _ in log)
     assert [world.course.reference for _, world in log[149:600:150]] == [*SQUARE_WAYPOINTS[1:], SQUARE_WAYPOINTS[3]]
-
-
-def test_waypoints_of_ones_own():
-    log = walk("square", 10, waypoints=[(1.0, 0.0, 7.0), (2.0, 0.0, 0.0)])
-    assert len(log) == 2
-    assert log[0][1].course.reference == (2.0, 0.0, 0.0)
-    assert Options(task="square", waypoints=[(1.0, 0.0, 7.0)]).course()[1][0].theta == pytest.approx(7.0 - 2.0 * math.pi)
 
 
 @pytest.mark.parametrize("arrival", ["truth", "belief"])
