@@ -14,7 +14,7 @@ import pytest
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 
-from turtlebot_gym_ros.base.qos import SENSOR
+from cmd_vel_guard.qos import SENSOR
 
 pytestmark = pytest.mark.nightly
 

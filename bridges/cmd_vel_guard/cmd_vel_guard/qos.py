@@ -1,4 +1,4 @@
-"""Quality-of-service profiles by name."""
+"""Quality-of-service profiles by name, of the guard and of all other nodes."""
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -15,3 +15,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Late joiners receive the last value."""
 STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Late joiners receive the values of many publishers: the quality of service of tf2's listener to ``/tf_static``."""
+SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Best effort: a subscription with it matches reliable and best-effort publishers."""
+LOCK_STEP = QoSProfile(depth=10_000)
+"""Reliable, with long histories: in lock-step every message counts, and a recorder may be suspended for seconds."""

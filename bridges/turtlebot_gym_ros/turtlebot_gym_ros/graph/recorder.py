@@ -21,15 +21,14 @@ from rclpy.subscription import Subscription
 from rclpy.time import Time
 from std_msgs.msg import String
 
-from cmd_vel_guard.qos import LATCHED, STREAM
+from cmd_vel_guard.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.rooms.grid import GridMap
-from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
+from turtlebot_gym.rooms.scan import Clearance, Obstacles
 from turtlebot_gym.values import Command, Odometry, Pose, State
 from turtlebot_gym_ros.base.executor import FastGroup
-from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.lockstep import EPISODE_GAP
 from turtlebot_gym_ros.node.triggers import SECOND
@@ -38,7 +37,7 @@ TOPICS: dict[str, type] = {"true_state": State, "odom": Odometry, "estimate": Es
 """Topics to record, with their value types."""
 STEP = ("true_state", "odom", "estimate", "reference")
 """Topics of a row; in real time the reference is not tied to a step."""
-ROOM_TOPICS: dict[str, type] = {"clearance": Clearance, "scan": Scan, "obstacles": Obstacles}
+ROOM_TOPICS: dict[str, type] = {"clearance": Clearance, "obstacles": Obstacles}
 """Additional topics of a simulator in a room; on a map also ``map``, once."""
 
 

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 
 from cmd_vel_guard.executor import PolledGroup
-from cmd_vel_guard.qos import LATCHED, STREAM
+from cmd_vel_guard.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
 from cmd_vel_guard.sent import Age, Ages, SystemClock, read_clocks
 from cmd_vel_guard.sources import hear_mounts, node_name, type_name
 from turtlebot_gym.config import short_repr
@@ -22,7 +23,6 @@ from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.executor import take
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, overridable
 from turtlebot_gym_ros.node.block import Input, Stamped
 from turtlebot_gym_ros.node.convert import conversion_of
 from turtlebot_gym_ros.node.diagnostics import Endpoint
@@ -98,7 +98,7 @@ class Feed:
             hear,
             LATCHED if self.declared.latched else (LOCK_STEP if self._lock_step else qos),
             callback_group=PolledGroup() if self._waits_for_others else self._group,
-            qos_overriding_options=overridable(),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         self.poll = partial(take, self._subscription, node) if self._waits_for_others else lambda: None
         self.topic: str = self._subscription.topic_name

@@ -9,25 +9,21 @@ from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Header
 
-from cmd_vel_guard.qos import LATCHED, STREAM
+from cmd_vel_guard.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
 from cmd_vel_guard.sources import type_name
 from cmd_vel_guard.values import Mount
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, overridable
 from turtlebot_gym_ros.node.block import Output, Stamped
 from turtlebot_gym_ros.node.convert import NO_TF, conversion
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import transform_to
 from turtlebot_gym_ros.node.triggers import SECOND
-
-BROADCAST = QoSProfile(depth=100)
-"""The quality of service of tf2's own broadcaster."""
 
 
 class Outputs:
@@ -40,7 +36,7 @@ class Outputs:
         self._publishers = {}
         for key, output in declared.items():
             qos = LATCHED if output.latched else LOCK_STEP if lock_step else STREAM if output.reliable else SENSOR
-            kind, override = self._ways[key].message, overridable()
+            kind, override = self._ways[key].message, QoSOverridingOptions.with_default_policies()
             self._publishers[key] = node.create_publisher(kind, output.topic, qos, qos_overriding_options=override)
         newest = {key: f"{output.topic}/newest" for key, output in declared.items() if lock_step and output.newest}
         self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
@@ -144,7 +140,7 @@ class _Transforms:
             from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
         except ImportError:
             raise ValueError(NO_TF) from None
-        self._message, self._publisher = TFMessage, node.create_publisher(TFMessage, "/tf", BROADCAST)
+        self._message, self._publisher = TFMessage, node.create_publisher(TFMessage, "/tf", 100)
         if mounts:
             self._static = node.create_publisher(TFMessage, "/tf_static", LATCHED)
             header = Header(frame_id=common.body)

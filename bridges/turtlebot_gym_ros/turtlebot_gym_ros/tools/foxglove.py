@@ -9,9 +9,9 @@ from typing import Any, cast
 
 from rclpy.node import Node
 
+from cmd_vel_guard.qos import SENSOR
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.base.process import go_on
-from turtlebot_gym_ros.base.qos import SENSOR
 from turtlebot_gym_ros.tools.asking import WAIT, answered, asking, parser_of, remark_if_alone
 
 LOOK = 0.5

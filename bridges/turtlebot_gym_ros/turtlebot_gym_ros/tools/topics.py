@@ -8,11 +8,10 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 
-from cmd_vel_guard.qos import LATCHED
+from cmd_vel_guard.qos import LATCHED, SENSOR
 from cmd_vel_guard.sources import node_name
 from turtlebot_gym_ros.base.names import absolute, message_type
 from turtlebot_gym_ros.base.process import go_on
-from turtlebot_gym_ros.base.qos import SENSOR
 from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, until
 
 SETTLED = 1.5
