@@ -7,12 +7,8 @@ explains once: `takes` gives a function all of them, and its command a flag for 
 
 from __future__ import annotations
 
-import ast
-import inspect
 from collections.abc import Callable, Collection
 from dataclasses import MISSING, fields
-from itertools import pairwise
-from textwrap import dedent
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 
 import tyro
@@ -20,6 +16,7 @@ from typing_extensions import TypedDict, Unpack
 from tyro.constructors import PrimitiveConstructorSpec
 
 from turtlebot_gym import Options
+from turtlebot_gym.docstrings import texts_of
 from turtlebot_gym.files import parse_yaml
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -45,17 +42,6 @@ Value = Annotated[Any, _kind("VALUE", "*", _read)]
 """Type of an argument that is a name, a number, or another value in YAML; several of them are a list, and none is true."""
 Text = Annotated[Any, _kind("NAME", 1, lambda words: words[0])]
 """Type of an argument that is a name on the command line, and in Python also an object, such as a policy."""
-
-
-def texts_of(kind: type) -> dict[str, str]:
-    """Return the docstring under each field of a dataclass and its bases, on one line."""
-    texts: dict[str, str] = {}
-    for one in reversed(kind.__mro__[:-1]):
-        (made,) = ast.parse(dedent(inspect.getsource(one))).body
-        for item, text in pairwise(getattr(made, "body", ())):
-            if isinstance(item, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
-                texts[ast.unparse(item.target)] = " ".join(str(text.value.value).split())
-    return texts
 
 
 def keywords(kind: type, *left_out: str, last: Collection[str] = ()) -> Any:

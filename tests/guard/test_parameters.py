@@ -16,10 +16,10 @@ from cmd_vel_guard import parameters
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import Footprint
 from cmd_vel_guard.declare import declare
-from cmd_vel_guard.explain import descriptions
 from cmd_vel_guard.standby import CmdVelStandby
 from cmd_vel_guard.values import Mount
 from turtlebot_gym.config import Range, rules
+from turtlebot_gym.docstrings import texts_of
 from turtlebot_gym.robots import ROBOTS, LidarMount
 
 KIND = parameters.Parameters
@@ -28,7 +28,7 @@ RULES = rules(KIND)
 
 def test_every_number_has_a_rule_and_every_parameter_a_description():
     assert {item.name for item in fields(KIND) if isinstance(item.default, float)} <= RULES.keys()
-    assert descriptions(KIND).keys() == {item.name for item in fields(KIND)}
+    assert texts_of(KIND).keys() == {item.name for item in fields(KIND)}
 
 
 @pytest.mark.parametrize("name", RULES)
@@ -66,7 +66,7 @@ def test_parameters_are_declared_with_their_rules_and_read_only(make_node):
         descriptor = node.describe_parameter(item.name)
         assert node.get_parameter(item.name).value == getattr(declared, item.name)
         assert descriptor.read_only
-        assert descriptor.description == descriptions(KIND)[item.name]
+        assert descriptor.description == texts_of(KIND)[item.name]
         assert descriptor.additional_constraints == str(RULES.get(item.name, ""))
 
 

@@ -13,8 +13,8 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from cmd_vel_guard.explain import descriptions
 from turtlebot_gym.config import did_you_mean, rules
+from turtlebot_gym.docstrings import texts_of
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
@@ -28,7 +28,7 @@ def declare(node: Node, *kinds: type) -> tuple[Any, ...]:
     """
     declared = {item.name: item for kind in kinds for item in fields(kind)}
     types = {name: hint for kind in kinds for name, hint in get_type_hints(kind).items()}
-    texts = {name: text for kind in kinds for name, text in descriptions(kind).items()}
+    texts = {name: text for kind in kinds for name, text in texts_of(kind).items()}
     constraints = {name: rule for kind in kinds for name, rule in rules(kind).items()}
     given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))
     values = {

@@ -88,7 +88,7 @@ class Graph:
         else:
             parameters.pop("localizer", None)
         self.latest: Mapping[str, Any] = {}
-        """The last value of each topic: "true_state", "odom", "estimate", "reference", "cmd_vel"; in a world also "clearance",
+        """The last value of each topic: "true_state", "odom", "estimate", "reference", "cmd_vel"; in a world also "clearance"
         and "obstacles", and on a map "map"."""
         self.reports: Mapping[str, tuple[int, str]] = {}
         """Level and message of each node's diagnostics."""
