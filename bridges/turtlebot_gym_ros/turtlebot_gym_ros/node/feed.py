@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -221,11 +222,12 @@ class Inputs:
         group: CallbackGroup | None,
         now: Callable[[], float],
     ) -> None:
-        self._node, self._common, self._now, self._clock = node, common, now, SystemClock()
+        self._node, self._common, self._now = node, common, now
+        self.clock, self._lock = SystemClock(), Lock()
         self.look()
         self.sees = any(source.type is Scan for source in declared.values())
         """Whether the block sees obstacles."""
-        options = {"lock_step": common.lock_step, "clock": self._clock, "headers": headers, "group": group}
+        options = {"lock_step": common.lock_step, "clock": self.clock, "headers": headers, "group": group}
         if self.sees:
             options["mount"] = hear_mounts(node, common.body)
         ways = {key: conversion_of(source, stamped=common.enable_stamped_cmd_vel) for key, source in declared.items()}
@@ -240,8 +242,9 @@ class Inputs:
 
     def look(self) -> float:
         """Compare the clocks, for the ages of messages, and return the steady time; call this at least every 20 ms."""
-        system, steady = read_clocks()
-        self._clock.look(system=system, steady=steady)
+        with self._lock:  # the watchdog looks, too
+            system, steady = read_clocks()
+            self.clock.look(system=system, steady=steady)
         return steady
 
     def receive(self, key: str, message: Any, info: Mapping[str, Any]) -> None:

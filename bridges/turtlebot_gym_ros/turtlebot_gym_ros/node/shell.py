@@ -7,7 +7,6 @@ executor's thread. No blocked step holds up the watchdog's thread.
 
 from __future__ import annotations
 
-import math
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -120,19 +119,7 @@ class Shell:
             node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
         rests = any(feed.declared.halts for feed in self.feeds.values())
         self._resume = node.create_publisher(Empty, "resume", STREAM) if rests else None
-        self.switch: Switch | None = None
-        if self.outputs.moving:
-            self.switch = Switch(
-                node,
-                self.outputs,
-                enabled=self.common.start_enabled,
-                now=self.now,
-                restart=self._enabled,
-                refusal=self.inputs.rivals,
-                blocked=math.inf if lock_step else 0.5,
-                sees=self.inputs.sees,
-                group=self.group,
-            )
+        self.switch = Switch(self) if self.outputs.moving else None
         self._action = offer(node, block, self.feeds, self.common)
         if name := getattr(block, "nav2_name", ""):
             be_active(node, name)
@@ -208,7 +195,8 @@ class Shell:
         if self.switch:
             self.switch.stop(f"fault: {why}", disable=True)
 
-    def _enabled(self) -> None:
+    def restart(self) -> None:
+        """Begin anew when the block may move the robot again: what stopped it before does not count any more."""
         self._trouble = None
         for feed in self.feeds.values():
             feed.begin()

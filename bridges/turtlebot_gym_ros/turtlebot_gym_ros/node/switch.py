@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rclpy.callback_groups import CallbackGroup
-from rclpy.node import Node
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
 from cmd_vel_guard.qos import EVERY, LATCHED, PROMPT
-from cmd_vel_guard.sent import Ages, SystemClock, read_clocks
-from turtlebot_gym_ros.node.outputs import Outputs
+from cmd_vel_guard.sent import Ages
 from turtlebot_gym_ros.node.safety import Safety
 
+if TYPE_CHECKING:
+    from turtlebot_gym_ros.node.shell import Shell
+
+BLOCKED = 0.5
+"""Longest time that a step may take, s."""
 BLIND = "It sees no obstacles: watch the robot while it is enabled."
 SEEING = "It sees only the obstacles that its LiDAR sees: watch the robot while it is enabled."
 
@@ -30,41 +33,28 @@ class Switch:
     is silent the robot stands: see `emergency`. Enabling is refused while any button is pressed, or one that was heard is
     silent.
 
-    When it is enabled, ``restart`` is called; ``refusal`` says why not. A step longer than ``blocked``, s, is a fault.
-    Whoever enables it is warned of obstacles, by whether the block ``sees`` them.
+    A step that takes longer than `BLOCKED` is a fault, but for lock-step, where time waits. Whoever enables the node is warned
+    of obstacles, by whether it sees them.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        outputs: Outputs,
-        *,
-        enabled: bool,
-        now: Callable[[], float],
-        restart: Callable[[], None],
-        refusal: Callable[[], str],
-        blocked: float,
-        sees: bool,
-        group: CallbackGroup | None = None,
-    ) -> None:
-        self.safety = Safety(enabled=enabled, blocked=blocked)
-        self._clock = SystemClock()
-        self._ages = Ages(self._clock)
-        self._outputs, self._now, self._restart, self._log = outputs, now, restart, node.get_logger()
+    def __init__(self, shell: Shell) -> None:
+        node, common = shell.node, shell.common
+        self.safety = Safety(enabled=common.start_enabled, blocked=math.inf if common.lock_step else BLOCKED)
+        self._shell, self._now, self._log = shell, shell.now, node.get_logger()
+        self._ages = Ages(shell.inputs.clock)
         self._told: str | None = None
-        self._refusal = refusal
-        self._warning = f"enabled. {SEEING if sees else BLIND}"
+        self._warning = f"enabled. {SEEING if shell.inputs.sees else BLIND}"
         self._state = node.create_publisher(String, "~/state", LATCHED)
         node.create_service(SetBool, "~/enable", self._serve)
         hear: Any = self._hear_emergency  # also takes the message's times, which rclpy supports but its types do not show
         promptly: Any = partial(hear, prompt=True)
-        self._buttons = node.create_subscription(Bool, "emergency_stop", hear, EVERY, callback_group=group)
-        self._promptly = node.create_subscription(Bool, "emergency_stop", promptly, PROMPT, callback_group=group)
+        self._buttons = node.create_subscription(Bool, "emergency_stop", hear, EVERY, callback_group=shell.group)
+        self._promptly = node.create_subscription(Bool, "emergency_stop", promptly, PROMPT, callback_group=shell.group)
         self._tell()
 
     def enable(self) -> str | None:
         """Let the block move the robot as soon as its inputs arrive, or return why not."""
-        if refusal := self._refusal():
+        if refusal := self._shell.inputs.rivals():
             return refusal
         with self.safety.lock:
             if not self.safety.enabled:
@@ -73,7 +63,7 @@ class Switch:
                 self._log.warning(self._warning)
             if self.safety.phase != "active":  # it may wait for inputs that a clock, set meanwhile, makes look old
                 self._ages.begin()
-                self._restart()
+                self._shell.restart()
             self._tell()
             return None
 
@@ -88,11 +78,11 @@ class Switch:
 
     def watch(self) -> None:
         """Send a stop if one is due, and publish the state if it has changed."""
-        self._look()
+        self._shell.inputs.look()
         self.safety.count_buttons(self._buttons.get_publisher_count(), now=self._now())
         with self.safety.lock:  # so that nothing else is published between the decision and the zeros
             if self.safety.tick(now=self._now()):
-                self._outputs.publish_stops()
+                self._shell.outputs.publish_stops()
             self._tell()
 
     def _tell(self) -> None:
@@ -109,24 +99,17 @@ class Switch:
         return response
 
     def _hear_emergency(self, message: Bool, info: Mapping[str, Any], *, prompt: bool = False) -> None:
-        age = self._ages.age_of(info, None, self._look()).sent
+        age = self._ages.age_of(info, None, self._shell.inputs.look()).sent
         now, number = self._now(), info["publication_sequence_number"]
         self.safety.hear_emergency(message.data, now=now, sent=now - age, number=number, prompt=prompt)
         self.watch()
-
-    def _look(self) -> float:
-        """Compare the clocks, for the ages of messages, and return the steady time; tests may replace ``now``."""
-        with self.safety.lock:
-            system, steady = read_clocks()
-            self._clock.look(system=system, steady=steady)
-            return steady
 
     @contextmanager
     def at_rest(self) -> Iterator[None]:
         """Stop the robot, and let no step move it within the context."""
         with self.safety.lock:
             self.stop("suspended")
-            self._outputs.flush()
+            self._shell.outputs.flush()
             yield
 
     def close(self) -> None:
@@ -135,6 +118,6 @@ class Switch:
         self.safety.stop("the node ends", now=self._now(), disable=True)
         if moved:
             for _ in range(3):
-                self._outputs.publish_stops()
+                self._shell.outputs.publish_stops()
                 time.sleep(0.03)
         self._tell()
