@@ -16,11 +16,8 @@ from turtlebot_gym_ros.nodes import NODES
 _VELOCITIES = {"geometry_msgs/msg/Twist": "false", "geometry_msgs/msg/TwistStamped": "true"}
 
 
-class NodeProblem(NamedTuple):
-    """A problem to report to users."""
-
-    level: bytes
-    text: str
+Problem = tuple[bytes, str]
+"""The level and the text of what is reported to users."""
 
 
 class Endpoint(NamedTuple):
@@ -42,21 +39,21 @@ class Reporter:
 
     def __init__(self, node: Node, endpoints: Iterable[Endpoint], *, plant: bool) -> None:
         self._node, self._endpoints, self._plant = node, list(endpoints), plant
-        self._known: set[NodeProblem] = set()
+        self._known: set[Problem] = set()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
 
-    def publish(self, problems: Iterable[NodeProblem], summary: str, values: Mapping[str, object]) -> None:
+    def publish(self, problems: Iterable[Problem], summary: str, values: Mapping[str, object]) -> None:
         """Publish figures with the problems of the graph, which may be the cause of others, and of the node, or a summary."""
         around = [problem for endpoint in self._endpoints for problem in self._around(endpoint)]
         for problem in set(around) - self._known:
             log(self._node, *problem)
         self._known = set(around)
-        worst = sorted([*around, *problems], key=lambda problem: problem.level, reverse=True)
-        level, text = worst[0].level if worst else OK, " ".join(problem.text for problem in worst) or summary
+        worst = sorted([*around, *problems], key=lambda problem: problem[0], reverse=True)
+        level, text = worst[0][0] if worst else OK, " ".join(text for _, text in worst) or summary
         name = self._node.get_namespace().strip("/") or "turtlebot_gym_ros"
         self._publisher.publish(report(self._node, level, text, hardware=name, values=values))
 
-    def _around(self, mine: Endpoint) -> Iterable[NodeProblem]:
+    def _around(self, mine: Endpoint) -> Iterable[Problem]:
         node, me = self._node, self._node.get_fully_qualified_name()
         publishers = node.get_publishers_info_by_topic(mine.topic)
         listeners = node.get_subscriptions_info_by_topic(mine.topic)
@@ -64,18 +61,18 @@ class Reporter:
             text = f"{mine.topic}: {node_name(other)} has {other.topic_type}, this node {mine.message}: they cannot be matched."
             if mine.message in _VELOCITIES and (stamped := _VELOCITIES.get(other.topic_type)):
                 text += f" Start this one with -p enable_stamped_cmd_vel:={stamped}"
-            yield NodeProblem(ERROR, text)
+            yield ERROR, text
         names = sorted(map(node_name, publishers))
         if mine.moves and not any(other.topic_type == mine.message for other in listeners):
-            yield NodeProblem(WARN, f"{mine.topic}: there is no listener.")
+            yield WARN, f"{mine.topic}: there is no listener."
         if mine.moves and len(names) > 1:
             rivals = ", ".join(name for name in names if name != me) or "another node of this name"
-            yield NodeProblem(ERROR, f"{mine.topic}: {rivals} publishes too; which of them the robot obeys is undefined.")
+            yield ERROR, f"{mine.topic}: {rivals} publishes too; which of them the robot obeys is undefined."
         elif not mine.publishes and len(names) > 1 and (self._plant or mine.message not in _VELOCITIES):
             effect = "refused until there is one" if mine.sole else "which of them counts is undefined"
-            yield NodeProblem(ERROR if mine.sole else WARN, f"{mine.topic}: {' and '.join(names)} publish it: {effect}.")
+            yield ERROR if mine.sole else WARN, f"{mine.topic}: {' and '.join(names)} publish it: {effect}."
         if self._plant and not mine.publishes and mine.message in _VELOCITIES:
             ours = {me, *(f"{me.rpartition('/')[0]}/{name}" for name in (*NODES, "cmd_vel_standby"))}
             if strangers := sorted({node_name(other) for other in listeners} - ours):
                 text = f"{mine.topic}: {', '.join(strangers)} obeys the same commands as this simulation. Is it a real robot?"
-                yield NodeProblem(WARN, text)
+                yield WARN, text

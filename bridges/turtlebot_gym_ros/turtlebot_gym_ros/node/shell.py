@@ -30,7 +30,7 @@ from cmd_vel_guard.sent import read_clocks
 from turtlebot_gym_ros.base.executor import FastExecutor, FastGroup
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.node.block import Block, Every
-from turtlebot_gym_ros.node.diagnostics import NodeProblem, Reporter
+from turtlebot_gym_ros.node.diagnostics import Reporter
 from turtlebot_gym_ros.node.drives import make_drive
 from turtlebot_gym_ros.node.feed import Inputs
 from turtlebot_gym_ros.node.navigate import be_active, offer
@@ -255,7 +255,7 @@ class Shell:
     def _report(self, now: float) -> None:
         remarks = [*(f"{feed.topic}: {feed.refusal}" for feed in self.feeds.values() if feed.refusal), self._notice]
         faults = self._drive.trouble(), self._trouble and f"fault: {self._trouble}", getattr(self.block, "fault", None)
-        problems = [NodeProblem(WARN, why) for why in remarks if why] + [NodeProblem(ERROR, why) for why in faults if why]
+        problems = [(WARN, why) for why in remarks if why] + [(ERROR, why) for why in faults if why]
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "results dropped": self._dropped} | getattr(self.block, "figures", {})
         for feed in self.feeds.values():
