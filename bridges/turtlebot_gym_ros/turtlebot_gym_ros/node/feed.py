@@ -23,7 +23,6 @@ from turtlebot_gym.config import short_repr
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.executor import take
-from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.node.block import Input, Stamped
 from turtlebot_gym_ros.node.convert import conversion_of
 from turtlebot_gym_ros.node.diagnostics import Endpoint
@@ -32,6 +31,7 @@ from turtlebot_gym_ros.node.triggers import SECOND
 
 if TYPE_CHECKING:
     from turtlebot_gym_ros.node.drives import Scheduler
+    from turtlebot_gym_ros.node.shell import Shell
 
 NEW = Age(0.0, 0.0, False, "its arrival")
 """The age of a message that has no times."""
@@ -210,24 +210,18 @@ class Feed:
 
 
 class Inputs:
-    """The subscriptions of a block, and the conversion of messages to its values; ``now`` is the steady clock, s."""
+    """The subscriptions of a shell's block, and the conversion of messages to its values."""
 
-    def __init__(
-        self,
-        node: Node,
-        declared: Mapping[str, Input],
-        common: Common,
-        *,
-        headers: bool,
-        group: CallbackGroup | None,
-        now: Callable[[], float],
-    ) -> None:
-        self._node, self._common, self._now = node, common, now
+    def __init__(self, shell: Shell) -> None:
+        node, common, inputs = shell.node, shell.common, shell.block.inputs
+        self._node, self._common, self._now = node, common, shell.now
         self.clock, self._lock = SystemClock(), Lock()
         self.look()
+        declared = {key: item for key, item in inputs.items() if not (common.lock_step and item.lock_step == "absent")}
         self.sees = any(source.type is Scan for source in declared.values())
         """Whether the block sees obstacles."""
-        options = {"lock_step": common.lock_step, "clock": self.clock, "headers": headers, "group": group}
+        headers = not node.get_parameter("use_sim_time").value
+        options = {"lock_step": common.lock_step, "clock": self.clock, "headers": headers, "group": shell.group}
         if self.sees:
             options["mount"] = hear_mounts(node, common.body)
         ways = {key: conversion_of(source, stamped=common.enable_stamped_cmd_vel) for key, source in declared.items()}

@@ -102,10 +102,8 @@ class Shell:
         self._trouble = self._notice = None
         self._steps = self._dropped = 0
         self._is_plant = isinstance(block.trigger, Every) and block.trigger.speed is not None
-        headers = not node.get_parameter("use_sim_time").value
         self.group = FastGroup(node)
-        declared = {key: item for key, item in block.inputs.items() if not (lock_step and item.lock_step == "absent")}
-        self.inputs = Inputs(node, declared, self.common, headers=headers, group=self.group, now=self.now)
+        self.inputs = Inputs(self)
         self.feeds = self.inputs.feeds
         self.outputs = Outputs(node, block.outputs, self.common, self.inputs.resting_on)
         self._drive = make_drive(self)
