@@ -137,13 +137,6 @@ def test_a_turned_and_shifted_world_turns_and_shifts_the_estimate(in_hall, yaw):
     np.testing.assert_allclose(P_turned, R @ P @ R.T, rtol=0, atol=1e-12)
 
 
-def test_beams_in_any_order_say_the_same(in_hall):
-    room, pose, points = in_hall
-    start = (pose[0] + 0.03, pose[1], pose[2] + 0.02)
-    mixed = points[:, np.random.default_rng(0).permutation(points.shape[1])].copy()
-    np.testing.assert_allclose(found(room, mixed, start).belief.mean, found(room, points, start).belief.mean, atol=1e-10)
-
-
 def test_where_wheels_drift_during_a_scan_older_beams_say_less_and_the_newest_as_much(in_hall):
     room, pose, points = in_hall
     start, older = locate(Pose(*pose), KNOWN, Q), points.copy()

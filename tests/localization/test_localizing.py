@@ -150,7 +150,6 @@ def test_all_robots_share_the_field_of_a_map():
         ({"localizer": "match", "noise": "wheel"}, "localizer needs the map of a room"),
         ({"localizer": "match", "world": "office"}, "localizer moves with wheel odometry"),
         ({**IN_OFFICE, "localizer": "match", "fix": "beacons"}, "localizer and fix exclude each other"),
-        ({**IN_OFFICE, "observation": "located"}, "observation 'located' needs a localizer"),
         ({**IN_OFFICE, "start": "unknown"}, "start is for robots that localize themselves"),
     ],
 )

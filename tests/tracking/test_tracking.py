@@ -8,11 +8,11 @@ import pytest
 
 from turtlebot_gym import Episode
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.observations import NEAREST, TRACKS
+from turtlebot_gym.observations import NEAREST
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tracking.bodies import AT, RADIUS
-from turtlebot_gym.tracking.sweep import Sweep, bearing
+from turtlebot_gym.tracking.sweep import Sweep
 from turtlebot_gym.tracking.tracker import begin, make_memory, memory_at, on_odometry, on_scan, poses_for
 from turtlebot_gym.tracking.tracks import MOVES, STATE, TIME, look
 from turtlebot_gym.values import Command, Pose
@@ -189,12 +189,6 @@ def test_who_steps_out_from_behind_something_is_seen_at_once(side):
     assert people(first)[-1][1] * side > -0.45  # not all of the body is out
 
 
-def test_bearing_is_the_direction_of_a_vector():
-    angles = np.linspace(-math.pi + 1e-9, math.pi, 1001)
-    assert max(abs(bearing(math.cos(a), math.sin(a)) - a) for a in angles) < 2e-5
-    assert bearing(0.0, 0.0) == 0.0
-
-
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("lidar", ["lds01", "a1"])
 def test_it_is_the_same_compiled_and_in_plain_python(lidar, in_step):
@@ -208,9 +202,3 @@ def test_it_is_the_same_compiled_and_in_plain_python(lidar, in_step):
         assert (episode.scene.tracker.tracks[:, STATE] == MOVES).any()
         for part, other in zip(batch.system.surroundings.at(batch.scenes, i).tracker, episode.scene.tracker, strict=True):
             np.testing.assert_array_equal(part, other)
-
-
-@pytest.mark.parametrize(("options", "needed"), [({"world": "people"}, "wheel odometry"), ({"noise": "wheel"}, "a room")])
-def test_tracks_need_wheel_odometry_and_a_room(options, needed):
-    with pytest.raises(ValueError, match=f"observation 'tracks' needs {needed}"):
-        Options(**options, observation=("ekf", TRACKS.name)).setup()
