@@ -8,22 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from turtlebot_gym import parameters
 from turtlebot_gym.config import given, refusal, split, vary
 from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.estimation.objects import kinds_of, maker_of, variances_of
 from turtlebot_gym.estimation.plain import Plain
 from turtlebot_gym.files import load_object
-from turtlebot_gym.parameters import (
-    DeadReckoning,
-    FilterTuning,
-    FixNoise,
-    Gated,
-    Kalman,
-    Noise,
-    OdometryNoise,
-    ProcessNoise,
-    Tutorial,
-)
+from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS, Robot
 
 SPEED_FLOOR, TURN_FLOOR = 0.005, 0.01
@@ -91,7 +82,9 @@ FIXES = {
 """External pose sensors by name: a position by radio, in time, or late and lossy; localization in a map; markers on walls, seen
 half of the time; motion capture. Illustrative values that differ clearly: put the numbers of a real device into a file."""
 
-TUTORIAL_FILTER = FilterTuning(Q=(0.01, 0.01, 0.02, 0.1, 0.1), R=(0.05, 0.05, 0.1), from_origin=True, kind=Tutorial())
+TUTORIAL_FILTER = FilterTuning(
+    Q=(0.01, 0.01, 0.02, 0.1, 0.1), R=(0.05, 0.05, 0.1), from_origin=True, kind=parameters.Tutorial()
+)
 """The reference system's filter as written, for any noise: process noise that the plant does not have, a Jacobian that keeps
 the velocities of the previous step, and a heading innovation that jumps by 2 pi."""
 
@@ -119,7 +112,7 @@ def matched(noise: Noise) -> FilterTuning:
         Q=(0.0, 0.0, 0.0, SPEED_FLOOR**2, TURN_FLOOR**2),
         R=tuple(max(variance, VARIANCE_FLOOR) for variance in R),
         process=replace(process, **_EXACT, alpha1=process.alpha1 + bursts, alpha4=process.alpha4 + bursts, slip=0.0),
-        kind=DeadReckoning(**ODOMETRY_LEAP) if odometry.wheel else Kalman(**POSE_GATE),
+        kind=parameters.DeadReckoning(**ODOMETRY_LEAP) if odometry.wheel else parameters.Kalman(**POSE_GATE),
     )
 
 
@@ -132,8 +125,8 @@ def _calibrated(noise: Noise) -> FilterTuning:
 def _gated(noise: Noise) -> FilterTuning:
     """Return the matched tuning for the noise without spikes, with a gate that refuses 1 % of correct headings."""
     tuning = matched(replace(noise, odometry=replace(noise.odometry, spike_probability=0.0)))
-    is_corrected = not isinstance(tuning.kind, DeadReckoning)  # wheel odometry measures nothing
-    return replace(tuning, kind=Gated(heading_gate=HEADING_GATE, **POSE_GATE)) if is_corrected else tuning
+    is_corrected = not isinstance(tuning.kind, parameters.DeadReckoning)  # wheel odometry measures nothing
+    return replace(tuning, kind=parameters.Gated(heading_gate=HEADING_GATE, **POSE_GATE)) if is_corrected else tuning
 
 
 def _gyro(noise: Noise, imu: Any) -> FilterTuning:
