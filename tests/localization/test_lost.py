@@ -7,12 +7,11 @@ import pytest
 from localization_rooms import corridor, empty_hall, hall, make_room, nonsense, off, scan_of, sight
 
 from turtlebot_gym.kernel import HAS_LLVM
-from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, MOST, NONE, ROWS, exp
+from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, MOST, NONE, ROWS, exp, seek
 from turtlebot_gym.localization.descent import SILENT_BEAMS, agreeing, verdict
 from turtlebot_gym.localization.hypotheses import CYCLE, ENOUGH, look, nowhere
 from turtlebot_gym.localization.information import Guess
 from turtlebot_gym.localization.localizer import LOST, SURE, TRACKING, locate, move, scan, state_of
-from turtlebot_gym.localization.seek import seek
 from turtlebot_gym.localization.tuning import ROBOT, LocalizerTuning
 from turtlebot_gym.values import STOP, Pose
 

@@ -26,7 +26,6 @@ from turtlebot_gym.localization.descent import APART, LEAST_BEAMS, TURNED, WIDTH
 from turtlebot_gym.localization.information import Guess, ScanPoints, fetch_ends
 from turtlebot_gym.localization.localizer import CALM, HABIT, SILENT, SURE, Located, locate, scan
 from turtlebot_gym.localization.points import Timing, pose_of, swept, to_points
-from turtlebot_gym.localization.seek import seek
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.rooms.scene import LocalizerMemory
@@ -65,7 +64,7 @@ the belief left the map after which it does not hold another place back: the whe
 def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints, wheels: Pose, since: int, gain: float) -> None:
     """Add to a bank the places of the whole map that fit a scan best, and first the belief if it still fits somehow."""
     poses, values = np.empty((MOST, 3)), np.zeros(MOST)
-    mean, count = located.belief.mean, seek(sight, poses, values)
+    mean, count = located.belief.mean, banks.seek(sight, poses, values)
     if since == 0:
         bank[:, LOG_WEIGHT] = NONE
     for k in range(count):
