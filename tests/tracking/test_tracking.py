@@ -11,10 +11,10 @@ from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.observations import NEAREST
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.systems import Options
+from turtlebot_gym.tracking import tracker
 from turtlebot_gym.tracking.bodies import AT, RADIUS
 from turtlebot_gym.tracking.sweep import Sweep
-from turtlebot_gym.tracking.tracker import begin, make_memory, memory_at, on_odometry, on_scan, poses_for
-from turtlebot_gym.tracking.tracks import MOVES, STATE, TIME, look
+from turtlebot_gym.tracking.tracker import MOVES, STATE, TIME, begin, look, make_memory, memory_at, on_odometry, on_scan
 from turtlebot_gym.values import Command, Pose
 
 BEAMS, REVOLUTION, DT = 360, 0.2, 0.05
@@ -43,7 +43,8 @@ def ranges_at(poses, circles_at, times, rng):
 
 def drive(circles_at, seconds, *, v=0.0, omega=0.0, seed=0):
     """Yield the time, the tracker and the robot's pose after each scan of a drive with constant speeds."""
-    memory, rng = memory_at(make_memory(1, beams=BEAMS, poses=poses_for(REVOLUTION, DT)), 0), np.random.default_rng(seed)
+    memory = memory_at(make_memory(1, beams=BEAMS, poses=tracker.poses_for(REVOLUTION, DT)), 0)
+    rng = np.random.default_rng(seed)
 
     def poses(times):
         turn = omega * times

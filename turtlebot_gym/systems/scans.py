@@ -29,8 +29,7 @@ from turtlebot_gym.rooms.rules import GIVEN
 from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.system import System
 from turtlebot_gym.tracking.sweep import Sweep
-from turtlebot_gym.tracking.tracker import TrackerMemory, begin, make_memory, memory_at, on_odometry, on_scan, poses_for
-from turtlebot_gym.tracking.tracks import look
+from turtlebot_gym.tracking.tracker import TrackerMemory, begin, look, make_memory, memory_at, on_odometry, on_scan, poses_for
 
 UNIFORM = 1.0 / math.sqrt(3.0)
 """Standard deviation of a number that is uniform in [-1, 1]."""

@@ -18,8 +18,7 @@ from turtlebot_gym.silence import Silence, place_of
 from turtlebot_gym.systems.scans import UNIFORM, sweep_of
 from turtlebot_gym.tracking.bodies import POST
 from turtlebot_gym.tracking.sweep import Sweep, pose_at
-from turtlebot_gym.tracking.tracker import begin, make_memory, memory_at, on_odometry, on_scan
-from turtlebot_gym.tracking.tracks import look
+from turtlebot_gym.tracking.tracker import begin, look, make_memory, memory_at, on_odometry, on_scan
 from turtlebot_gym.values import Odometry
 from turtlebot_gym_ros.blocks.ticks import Ticks
 from turtlebot_gym_ros.node.block import SCAN, Input, On, Output, Stamped, Tracks
