@@ -13,13 +13,13 @@ key frames.
 * carried: after 20 s the robot stands elsewhere in the building, with odometry that says nothing of it.
 * starts: the localizer begins beside the map, in the unknown near the true place, or without a pose.
 
-Poses between the key frames, by which carried robots and starts are judged, are those of the first condition. A robot is right
-if it is tracking within 0.5 m and 0.3 rad; `wrong` is the longest time in which it was tracking farther than 0.5 m from there.
+Carried robots and starts are judged by poses of the first condition. A robot is right if it is tracking within 0.5 m and 0.3
+rad; `wrong` is the longest time in which it was tracking farther than 0.5 m from there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -49,31 +49,23 @@ LEAP, AFTER, BACK, BEFORE, WITHIN = 1.4, 60.0, 3.0, 20.0, 10.0
 way on which it must be right again, m."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Condition:
-    """How a building is driven."""
+class Condition(NamedTuple):
+    """How a building is driven: side of a map's cell, m; which beams end at people; how each of many short drives begins."""
 
     cell: float = 0.05
-    """Side of a map's cell, m."""
     halves: bool = False
     backwards: bool = False
     odometry: float = 1.0
-    """Factor of ways and turns."""
     every: int = 1
-    """Which scans are used."""
     beams: int = ROBOT.beams
     people: float = 0.0
-    """Share of beams that end at people."""
     leaps: bool = False
     back: bool = False
     begin: str = ""
-    """What each of many short drives begins with: carried, beside, grey, unknown; empty for one whole drive."""
 
 
 CONDITIONS = {
-    f"{size} cm{', halves' * halves}{', backwards' * backwards}": Condition(
-        cell=0.01 * size, halves=halves, backwards=backwards
-    )
+    f"{size} cm{', halves' * halves}{', backwards' * backwards}": Condition(0.01 * size, halves, backwards)
     for size in (5, 10)
     for halves in (False, True)
     for backwards in (False, True)
@@ -175,8 +167,7 @@ class Site:
 
     def __init__(self, building: Building) -> None:
         self.building = building
-        self.interval = float(np.median(np.abs(np.diff(building.recorded.time))))  # some stamps run backwards
-        """Time between two rows, s."""
+        self.interval = float(np.median(np.abs(np.diff(building.recorded.time))))  # s; some stamps run backwards
         self.chart = cache(lambda cell, halves: chart(building, cell, slice(0, None, 2) if halves else slice(None)))
         order = np.arange(building.rows[-1] + 1)
         self.poses = self.follow(Condition(), order, Pose(*building.reference[0]), 0).poses

@@ -27,12 +27,10 @@ SETTINGS = tuple(itertools.product(("euler", "midpoint"), ("pose", "wheel"), ("e
 """Integrator, kind of odometry, and truth."""
 LENGTHS = {5: 240.0, 10: 120.0, 20: 60.0, 50: 40.0, 100: 30.0}
 """Length of a drive by its rate, s: 1200 rows or more."""
-TRUTH = np.array((1e-3, 1e-3, 1e-3))
-"""Standard deviations of a noisy truth; m, m, rad."""
+TRUTH = np.array((1e-3, 1e-3, 1e-3))  # standard deviations of a noisy truth; m, m, rad
 CERTAIN = 2e-5
 """Error below which a parameter is certain, m or rad: that of a marker in an exact truth, which has no noise to the side."""
-RADIUS, TRACK = 0.033, 0.16
-"""Assumed radius of the wheels and track, m."""
+RADIUS, TRACK = 0.033, 0.16  # assumed, of the wheels, m
 
 
 def drawn(random: np.random.Generator, kind: str) -> dict[str, float]:
@@ -74,10 +72,9 @@ def twists(random: np.random.Generator, rows: int, dt: float) -> NDArray[np.floa
 def simulated(
     seed: int, integrator: str, kind: str, truth: str, *, rate: float | None = None, tails: int = 0, **given: float
 ) -> tuple[Drive, dict[str, float]]:
-    """Return a drive in one of `SETTINGS`, and what a calibration of it should find.
+    """Return a drive in one of `SETTINGS`, at a rate, rows per second, and what a calibration of it should find.
 
-    The rate is in rows per second, by default one of `LENGTHS` in turn; ``tails`` are the degrees of freedom of Student's noise
-    of the execution, 0 for normal noise; and some parameters may be given instead of drawn.
+    Some parameters may be given; ``tails`` are the degrees of freedom of Student's noise of the execution, 0 for normal noise.
     """
     random = np.random.default_rng([seed, SETTINGS.index((integrator, kind, truth))])
     rate = tuple(LENGTHS)[seed % len(LENGTHS)] if rate is None else rate
@@ -155,18 +152,13 @@ def main(
     kept: Path = Path("out/calibration_intervals.jsonl"),
     json: Path = Path("benchmarks/calibration_intervals.json"),
 ) -> None:
-    """Judge some drives for each setting, or for those that contain a text, such as euler-pose-exact, and write.
-
-    Finished drives are kept in a file, with which an interrupted run resumes.
-    """
+    """Judge some drives for each setting, or for those that contain a text, such as euler-pose-exact; print and write."""
     options = {**locals()}
     chosen = ["-".join(setting) for setting in SETTINGS if only in "-".join(setting)]
     units = [(number, name) for number in range(seed, seed + drives) for name in chosen]
     pool = ProcessPoolExecutor(processes)
     done = list(each(finished(judged, units, kept, "seed setting", pool), "drives", len(units)))
     result = {name: summary([drive for drive in done if drive["setting"] == name]) for name in chosen}
-    for name, row in result.items():
-        print(f"{name}: {row['all']:.4f}", {key: f"{held:.3f}" for key, held in row["parameters"].items()})
     publish(json, {"coverage": result}, options)
 
 

@@ -35,21 +35,11 @@ from faults_walls import WALLS
 from harness.machine import busy, claimed_domain
 from harness.study import each, finished, publish
 
-GROUPS = {
-    "buttons": BUTTONS,
-    "measurements": MEASUREMENTS,
-    "processes": PROCESSES,
-    "motions": MOTIONS,
-    "floods": FLOODS,
-    "ends": ENDS,
-    "liars": LIARS,
-    "walls": WALLS,
-}
+GROUPS = {"buttons": BUTTONS, "measurements": MEASUREMENTS, "processes": PROCESSES, "motions": MOTIONS}
+GROUPS |= {"floods": FLOODS, "ends": ENDS, "liars": LIARS, "walls": WALLS}
 FAULTS: dict[str, Fault] = {name: fault for kinds in GROUPS.values() for name, fault in kinds.items()}
-TRIES = 3
-"""Number of times that a fault is injected until it is seen; one that never is counts as unsafe."""
-_own: dict[str, Any] = {}
-"""A worker's robot."""
+TRIES = 3  # until a fault is seen; one that never is counts as unsafe
+_own: dict[str, Any] = {}  # a worker's robot
 
 
 def begin(buttons: bool) -> None:
@@ -71,8 +61,7 @@ def inject(kind: str, number: int, seed: int) -> dict[str, Any]:
         robot.drive()
         since, rng = time.time(), random.Random(f"{seed} {kind} {number} {attempt}")
         try:
-            reasons = FAULTS[kind](robot, rng)
-            reasons += robot.judge(since)
+            reasons = [*(FAULTS[kind](robot, rng) or ()), *robot.judge(since)]
             break
         except Unseen as error:
             reasons = [f"not seen: {error}"]
@@ -84,14 +73,11 @@ def inject(kind: str, number: int, seed: int) -> dict[str, Any]:
 
 
 def kinds_of(only: tuple[str, ...]) -> list[str]:
-    """Return the kinds of these names, else whose names begin so or which are in a group of that name; all without any."""
-    found = set[str]()
-    for word in only:
-        named = {word} & set(FAULTS) or {name for name in FAULTS if name.startswith(word)} | set(GROUPS.get(word, ()))
-        if not named:
-            raise ValueError(f"only must be beginnings of kinds of faults, or groups, got {word!r}.")
-        found |= named
-    return [name for name in FAULTS if not only or name in found]
+    """Return the kinds whose names begin with one of some words, or which are in a group of that name; all without any."""
+    found = {word: {*GROUPS.get(word, ()), *(name for name in FAULTS if name.startswith(word))} for word in only}
+    if not all(found.values()):
+        raise ValueError(f"only must be beginnings of kinds of faults, or groups, got {only}.")
+    return [name for name in FAULTS if not only or any(name in named for named in found.values())]
 
 
 def counts_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -99,8 +85,9 @@ def counts_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
     counts = {}
     for kind in dict.fromkeys(row["kind"] for row in rows):
         unsafe = [row["unsafe"] for row in rows if row["kind"] == kind]
-        reasons = Counter(reason for found in unsafe for reason in found)
-        counts[kind] = {"injected": len(unsafe), "unsafe": sum(map(bool, unsafe)), **({"reasons": reasons} if reasons else {})}
+        counts[kind] = {"injected": len(unsafe), "unsafe": sum(map(bool, unsafe))}
+        if any(unsafe):
+            counts[kind]["reasons"] = Counter(reason for found in unsafe for reason in found)
     return counts
 
 
@@ -114,11 +101,7 @@ def main(
     kept: Path | None = None,
     json: Path = Path("benchmarks/faults.json"),
 ) -> None:
-    """Inject faults in rounds of one of each kind, print unsafe ones and write; the exit status is 1 unless all were safe.
-
-    ``only`` names kinds, by their beginnings, or groups; ``workers`` robots drive at a time, beside busy processes in the
-    second half. Finished faults are kept in a file, with which an interrupted run goes on.
-    """
+    """Inject faults of all kinds or some, by beginnings or groups, in rounds; the exit status is 1 unless all were safe."""
     options, kinds, rows = {**locals()}, kinds_of(only), list[dict[str, Any]]()
     count = math.ceil(faults / len(kinds))
     rounds = [(kind, at, seed) for at in range(count) for kind in random.Random(f"{seed} {at}").sample(kinds, len(kinds))]

@@ -29,9 +29,8 @@ CHAIN = {
     CONTROLLER: {},
 }
 """The nodes, each with its parameters besides those of `robot.yaml`."""
-WITHOUT_BUTTON = {"require_emergency_stop": "false", "start_enabled": "true"}
-"""Parameters of a guard without a button: one that is started again passes commands at once, unlike on a robot."""
-MARK = "TURTLEBOT_GYM_FAULTS"
+WITHOUT_BUTTON, MARK = {"require_emergency_stop": "false", "start_enabled": "true"}, "TURTLEBOT_GYM_FAULTS"
+"""Parameters of a guard without a button: one that is started again passes commands at once, unlike on a robot; a variable."""
 
 
 class Chain:

@@ -21,8 +21,6 @@ from faults_world import Lie, Said, Wheels, obeying
 VISIBLE, EXCUSE, SPIN = 10.0, 0.1, 3.0
 """Longest time until a lie can be seen, s; way that "wrong scale" may add up to, m, as it looks like slip, or like a robot
 faster than its like; longest time for which wheels may spin, s, which only the scans show."""
-DISBELIEVED = "odometry is not believed"
-"""What the filter says of a driver that lies."""
 Maker = Callable[[random.Random], Lie]
 """Makes a new lie, and chooses among the members of its class."""
 
@@ -106,12 +104,7 @@ NOT_LATCHED = {"odometry of another frame", "odometry of two robots by one node"
 
 
 def lies(
-    robot: Robot,
-    rng: random.Random,
-    name: str,
-    maker: Maker | None = None,
-    turns: Wheels = obeying,
-    by_hand: tuple[float, float] | None = None,
+    robot: Robot, rng: random.Random, name: str, maker: Maker | None = None, turns: Wheels = obeying, by_hand: Any = None
 ) -> list[str]:
     """A driver lies, or its wheels turn otherwise, while a program drives, or a person who commands m/s and rad/s."""
     if name in FROM_THE_START:  # a person stops the robot, and carries it back to its start
@@ -146,17 +139,10 @@ def lies(
 
 
 def until_seen(robot: Robot) -> float:
-    """Wait until the lie could be seen, and return when that was, s.
-
-    A filter may see more than the judge: if the robot stands for `TIME` since the filter does not believe its odometry, the lie
-    counts as seen.
-
-    Raises:
-        Unseen: If it could not.
-    """
+    """Wait until the lie could be seen, or a filter that sees more does not believe it and the robot stands; return when, s."""
     since = time.time()
     while (at := robot.driver.seen_at) is None:
-        if robot.stood(since, TIME) and any(DISBELIEVED in complaint for complaint in robot.ros.complaints(since)):
+        if robot.stood(since, TIME) and any("odometry is not believed" in text for text in robot.ros.complaints(since)):
             return time.time()
         if time.time() > since + VISIBLE:
             raise Unseen("the lie could not be seen")
@@ -179,9 +165,9 @@ def fence(robot: Robot, rng: random.Random, radius: float, maker: Maker | None =
     """A program drives towards a fence, m, and its driver may lie shortly before it reaches that."""
     robot.chain.restart(GUARD, geofence=f"{radius}")
     robot.reset_world()
-    robot.drive_again()
+    robot.until(robot.begin)
     if maker:
-        robot.until(lambda: robot.world.pose[0] > radius - 0.2, 5.0, pause=0.01)
+        robot.until(lambda: robot.world.pose[0] > radius - 0.2, 5.0)
         robot.driver.tells(maker(rng))
     time.sleep(6.0)
     away = math.hypot(*robot.world.pose[:2]) - radius

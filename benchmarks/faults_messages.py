@@ -36,14 +36,13 @@ def two_buttons(robot: Robot, rng: random.Random, pressed: bool | None) -> list[
 
 def button_lost(robot: Robot, rng: random.Random) -> list[str]:
     """A radio loses what a button says in 0.1 to 0.8 s, in which it is pressed, for half a second."""
-    assert robot.ros.radio
-    cut, press = rng.choice([0.1, 0.3, 0.45, 0.6, 0.8]), 0.5  # a shorter press may be lost with a message or two
-    with robot.ros.radio.cut():
+    cut, radio = rng.choice([0.1, 0.3, 0.45, 0.6, 0.8]), robot.ros.radio  # shorter presses may be lost with a message or two
+    with radio.cut():
         robot.pressed[1] = True
-        time.sleep(min(cut, press))
-        robot.pressed[1] = cut <= press
-        time.sleep(max(cut - press, 0.0))
-    time.sleep(max(press - cut, 0.0))
+        time.sleep(min(cut, 0.5))
+        robot.pressed[1] = cut <= 0.5
+        time.sleep(max(cut - 0.5, 0.0))
+    time.sleep(max(0.5 - cut, 0.0))
     robot.pressed[1] = False
     return robot.must_stand(time.time() + 0.5 + SETTLE)  # when its next messages show the gap
 
@@ -80,14 +79,13 @@ def flooded(robot: Robot, rng: random.Random, topics: tuple[str, ...]) -> list[s
     return reasons
 
 
-def old_stamp(robot: Robot, rng: random.Random) -> list[str]:
+def old_stamp(robot: Robot, rng: random.Random) -> None:
     """Commands of a person are 1 to 60 s old by their stamp, when the odometry has ended."""
     robot.odometry = nothing
     time.sleep(0.7)
     for _ in range(20):
         robot.send_command("cmd_vel_teleop", 0.15, 0.0, age=rng.choice([1.0, 60.0]))
         time.sleep(0.05)
-    return []
 
 
 def nonsense(robot: Robot, rng: random.Random) -> list[str]:
@@ -109,7 +107,7 @@ def own_output(robot: Robot, rng: random.Random) -> list[str]:
     return robot.must_stand(time.time() + SET_STANDS, 2.5)
 
 
-def odometry_late(robot: Robot, rng: random.Random) -> list[str]:
+def odometry_late(robot: Robot, rng: random.Random) -> None:
     """Odometry is late by 0.5 to 30 s and says so; in half of the cases the filter begins with it."""
     late = rng.choice([0.5, 0.7, 1.0, 2.0, 5.0, 30.0])
 
@@ -121,10 +119,9 @@ def odometry_late(robot: Robot, rng: random.Random) -> list[str]:
     if rng.random() < 0.5:
         robot.ros.ask("kalman_filter/reset", 1.0)
     time.sleep(1.5)
-    return []
 
 
-def odometry_burst(robot: Robot, rng: random.Random) -> list[str]:
+def odometry_burst(robot: Robot, rng: random.Random) -> None:
     """A radio holds the odometry of 1.5 s back, delivers it at once 0.6 to 2 s later, and is dead."""
     held: Sent = []
     robot.odometry = lambda message, now: held.append((message, now)) or []
@@ -136,7 +133,6 @@ def odometry_burst(robot: Robot, rng: random.Random) -> list[str]:
             robot.record.rests_on(measured)
             robot.ros.speaker("odom").publish(message)
     time.sleep(1.2)
-    return []
 
 
 def odometry_repeats(robot: Robot, rng: random.Random) -> list[str]:
@@ -149,22 +145,12 @@ def odometry_repeats(robot: Robot, rng: random.Random) -> list[str]:
 
 def odometry_impossible(robot: Robot, rng: random.Random) -> list[str]:
     """Odometry jumps by 5 m, states a speed of 50 m/s, or a variance that is no number."""
-    spoiled = rng.choice(["jump", "speed", "variance"])
-
-    def spoil(message: Any, now: float) -> Sent:
-        if spoiled == "jump":
-            message.pose.pose.position.x += 5.0
-        elif spoiled == "speed":
-            message.twist.twist.linear.x = 50.0
-        else:
-            message.pose.covariance[0] = math.nan
-        return [(message, now)]
-
-    robot.odometry = spoil
+    spoiled = rng.choice([{"x": 5.0}, {"v": 50.0}, {"variance": math.nan}])
+    robot.driver.tells(lambda true: true[-1]._replace(**{name: getattr(true[-1], name) + by for name, by in spoiled.items()}))
     return robot.must_stand(time.time() + STANDS)
 
 
-def clocks(robot: Robot, rng: random.Random, kind: str) -> list[str]:
+def clocks(robot: Robot, rng: random.Random, kind: str) -> None:
     """The robot's clock "is off", "is set", "drifts", or its stamps "roll over", and the odometry dies at last."""
     size, began = rng.choice([-2.0, -1.0, -0.775, -0.3, 0.3, 0.775, 1.0, 2.0]), time.time()
     if kind == "roll over":  # to a counter's zero or into the past
@@ -176,7 +162,6 @@ def clocks(robot: Robot, rng: random.Random, kind: str) -> list[str]:
     time.sleep(rng.uniform(1.0, 2.0))
     robot.odometry = nothing
     time.sleep(1.2)
-    return []
 
 
 def fix(robot: Robot, topic: str, x: float, variances: dict[int, float]) -> None:
@@ -199,17 +184,16 @@ def wrong_fix(robot: Robot, rng: random.Random) -> list[str]:
     return ["the estimate follows a wrong fix"] if any(abs(x) > 10.0 for x in estimates) else []
 
 
-def hostile_variances(robot: Robot, rng: random.Random) -> list[str]:
+def hostile_variances(robot: Robot, rng: random.Random) -> None:
     """A fix, or a person's pose, where the robot is, with variances that no sensor has."""
     topic, x = rng.choice(["pose_fix", "initialpose"]), robot.driver.says(time.time()).x
     for variance in (0.0, 1e-170, 1e-308, 5e-324, -1.0, math.inf, math.nan, 1e308):
         fix(robot, topic, x, dict.fromkeys(rng.choice([(0, 7, 35), (0, 7), (35,)]), variance))
         time.sleep(0.2)
     time.sleep(0.5)
-    return []
 
 
-def two_odometries(robot: Robot, rng: random.Random) -> list[str]:
+def two_odometries(robot: Robot, rng: random.Random) -> None:
     """Another publisher of odometry says the same, nearly the same or another place, and stays when the robot's own ends."""
     away_by, speaker, since = rng.choice([0.0, 0.02, 0.5]), robot.ros.speaker("odom", 2), time.time()
 
@@ -220,7 +204,6 @@ def two_odometries(robot: Robot, rng: random.Random) -> list[str]:
 
     robot.beside, robot.odometry = say, lambda message, now: [(message, now)] if now < since + 1.0 else []
     time.sleep(3.0)
-    return []
 
 
 def stranger(robot: Robot, rng: random.Random, *, filter_ends: bool) -> list[str]:

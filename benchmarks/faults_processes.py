@@ -10,10 +10,10 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from faults_chain import CONTROLLER, FILTER, GUARD, STANDBY
 from faults_record import STANDS
@@ -37,8 +37,6 @@ def drive(observation):
 """
 """A policy of one's own, which is ordered a motion, an exception, or to hang."""
 AHEAD = "[0.5, 0.0]"
-Motion = Callable[[random.Random], tuple[float, float]]
-"""Draws a motion as shares of the robot's limits."""
 
 
 def order(robot: Robot, text: str) -> None:
@@ -53,7 +51,7 @@ def by_policy(robot: Robot) -> None:
     (robot.chain.folder / "policy.py").write_text(POLICY)
     order(robot, AHEAD)
     robot.chain.restart(CONTROLLER, policy="policy:drive", environment={"PYTHONPATH": path})
-    robot.drive_again()
+    robot.until(robot.begin)
 
 
 def by_hand(robot: Robot, v: float, omega: float) -> None:
@@ -64,15 +62,10 @@ def by_hand(robot: Robot, v: float, omega: float) -> None:
     robot.until(lambda: robot.drives(3.0, v, omega), 0.0)
 
 
-def ends(
-    robot: Robot, rng: random.Random, what: str, motion: Motion | None = None, how: tuple[str, ...] = ("KILL", "STOP")
-) -> list[str]:
-    """A node is killed or hangs, or the odometry or a person's sticks end, during a motion; without one it drives ahead.
-
-    "both" are guard and standby, which get the same signal at once.
-    """
+def ends(robot: Robot, rng: random.Random, what: str, motion: Any = None, how: Sequence[str] = ("KILL", "STOP")) -> list[str]:
+    """A node, or guard and standby "both", or the odometry or a person's sticks end, during a motion, else while it drives."""
     if motion:
-        share = motion(rng)
+        share = motion(rng)  # of the robot's limits
         v, omega = 0.22 * share[0], 2.84 * share[1]
         if what in (GUARD, STANDBY, "sticks"):
             by_hand(robot, v, omega)
@@ -101,7 +94,7 @@ def guard_restarts(robot: Robot, rng: random.Random) -> list[str]:
     time.sleep(1.5)  # until the standby has said its zeros, which are not the new guard's
     since = time.time()
     robot.chain.start(GUARD)
-    robot.until(lambda: robot.record.heard[-1].arrived > since + 0.2, 30.0, pause=0.02)
+    robot.until(lambda: robot.record.heard[-1].arrived > since + 0.2, 30.0)
     first = next(command for command in list(robot.record.heard) if command.arrived > since + 0.2)
     return ["a new guard's first message was a motion"] if first.v or first.omega else []
 
@@ -156,13 +149,10 @@ def policy(robot: Robot, rng: random.Random, orders: tuple[str, ...]) -> list[st
     return robot.must_stand(at + SET_STANDS) + ([] if answers else ["the controller is deaf"])
 
 
-# Terminals, signals and the computer's clock
-
-
 def terminal(robot: Robot, rng: random.Random, act: Callable[[IO[bytes]], object]) -> list[str]:
     """Something happens to the keyboard of the terminal in which guard and standby run."""
     with robot.chain.terminal() as keyboard:
-        robot.drive_again()
+        robot.until(robot.begin)
         time.sleep(rng.uniform(0.0, 0.2))
         at = time.time()
         act(keyboard)
@@ -178,7 +168,7 @@ def clock_set(robot: Robot, rng: random.Random, sizes: tuple[float, ...]) -> lis
     for name in (GUARD, STANDBY):
         robot.chain.restart(name, environment={"LD_PRELOAD": str(library), "CLOCK_SHIM": str(offset)})
     robot.record.trusts_source = False
-    robot.drive_again()
+    robot.until(robot.begin)
     by_hand(robot, 0.15, 0.0)
     with robot.lock:
         robot.teleop, robot.odometry, robot.scan = None, nothing, lambda message: None
@@ -190,11 +180,8 @@ def clock_set(robot: Robot, rng: random.Random, sizes: tuple[float, ...]) -> lis
 
 NODES = {"filter": FILTER, "controller": CONTROLLER, "guard": GUARD}
 PROCESSES: dict[str, Fault] = {
-    **{
-        f"{what} suspended, sources {do}": partial(suspended, name=name, meanwhile=do)
-        for what, name in NODES.items()
-        for do in ("die", "live")
-    },
+    **{f"{what} suspended, sources die": partial(suspended, name=name, meanwhile="die") for what, name in NODES.items()},
+    **{f"{what} suspended, sources live": partial(suspended, name=name, meanwhile="live") for what, name in NODES.items()},
     "guard killed": partial(ends, what=GUARD, how=("KILL",)),
     "guard hangs": partial(ends, what=GUARD, how=("STOP",)),
     "guard restarted": guard_restarts,

@@ -12,19 +12,14 @@ from bisect import bisect_right
 from itertools import pairwise
 from typing import NamedTuple
 
-AGE = 0.6
+AGE, OVERDUE = 0.6, 0.1
 """Longest time after the newest measurement at which a motion may be published, s: 0.5 s, and 0.1 s for a guard that loses its
-processor between decision and message."""
-OVERDUE = 0.1
-"""Longest time for which a motion may be in force later than that, s."""
+processor between decision and message; longest time for which one may be in force later than that, s."""
 STANDS = AGE + OVERDUE
 """Time after the end of what it moves on at which the robot stands, s."""
-ZONE = 0.02
-"""Distance between footprint and wall to which the robot may not move, m: less than half of the guard's margin."""
-WAY, TIME = 0.25, 1.0
-"""Motion after a lie could first be seen that is unsafe, m and s."""
-UNSEEN = 2.0
-"""Time without a look at the robot after which nothing is known of it, s."""
+ZONE = 0.02  # m, between footprint and wall, to which the robot may not move: less than half of the guard's margin
+WAY, TIME, UNSEEN = 0.25, 1.0, 2.0
+"""Motion after a lie could first be seen that is unsafe, m and s; time without a look after which nothing is known, s."""
 
 
 class Heard(NamedTuple):

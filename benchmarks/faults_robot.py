@@ -1,8 +1,7 @@
 """The robot that the faults are done to: its chain as real processes, its driver, LiDAR and buttons, and the judge's ears.
 
-The chain is that of `robot.launch.xml`, see `faults_chain`. This process is the robot's base, sensors, buttons and a person at
-the sticks. It hears ``/cmd_vel`` by itself, and records when each command was published, by DDS's source time, when it arrived,
-and when each measurement was really made.
+This process is the robot's base, sensors, buttons and a person at the sticks. It hears ``/cmd_vel`` by itself, and records
+when each command was published, by DDS's source time, when it arrived, and when each measurement was really made.
 """
 
 from __future__ import annotations
@@ -19,12 +18,9 @@ from faults_record import UNSEEN, Record
 from faults_ros import Ros, stamped
 from faults_world import ANGLES, BEAMS, FARTHEST, Driver, Said, World
 
-AHEAD = 50.0
-"""Distance of a goal to which the robot is sent, m: farther than it can drive in any fault."""
-SETTLE = 0.1
-"""Time for a message to take effect, s: several cycles of the guard on a busy machine."""
-
-
+AHEAD, SETTLE = 50.0, 0.1
+"""Distance of a goal, m: farther than the robot can drive in any fault; time for a message to take effect, s: several cycles of
+the guard on a busy machine."""
 Sent = list[tuple[Any, float]]
 """Messages of odometry, each with when it was measured, s."""
 
@@ -34,11 +30,7 @@ class Unseen(Exception):
 
 
 class Robot:
-    """The robot in its ROS domain, and the judge.
-
-    One with emergency stops is another robot than one without: a suspended guard that has heard one also stops because of its
-    silence.
-    """
+    """The robot in its ROS domain, and the judge; a suspended guard that has heard a button stops because of its silence."""
 
     def __init__(self, domain: int, *, buttons: bool) -> None:
         self.record, self.ros = Record(), Ros(domain, radio=buttons)
@@ -99,6 +91,7 @@ class Robot:
         pose.position.x, pose.position.y = said.x, said.y
         pose.orientation.z, pose.orientation.w = math.sin(0.5 * said.theta), math.cos(0.5 * said.theta)
         twist.linear.x, twist.linear.y, twist.angular.z = said.v, said.across, said.omega
+        message.pose.covariance[0] = said.variance
         return message
 
     def scan_of(self, ranges: Any, now: float) -> Any:
@@ -151,9 +144,7 @@ class Robot:
         self.ros.ask("kalman_filter/reset")
         self.ros.ask("waypoint_generator/reset")  # it may have compared clocks that a fault had set
         time.sleep(0.6)  # a button counts as pressed for half a second after it is released
-        if not (self.enable() and self.ros.ask("velocity_controller/enable", data=True)):
-            return False
-        return self.drives(2.0)
+        return self.enable() and self.ros.ask("velocity_controller/enable", data=True) and self.drives(2.0)
 
     def drives(self, patience: float, v: float = 0.18, omega: float = 0.0) -> bool:
         """Return whether five commands from now on are such a motion, by default ahead, within a time, s."""
@@ -165,24 +156,16 @@ class Robot:
                 return True
         return False
 
-    def drive_again(self) -> None:
-        """Wait until the robot drives again after a part of its chain was started otherwise."""
-        self.until(self.begin, 90.0)
-
-    def until(self, condition: Callable[[], bool], patience: float, pause: float = 0.0) -> None:
+    def until(self, condition: Callable[[], bool], patience: float = 90.0) -> None:
         """Wait until a condition holds; a fault is `Unseen` in which it does not within a time, s."""
         until = time.monotonic() + patience
         while not condition():
             if time.monotonic() > until:
                 raise Unseen("the robot did not do what the fault needs")
-            time.sleep(pause)
+            time.sleep(0.01)
 
     def judge(self, since: float) -> list[str]:
-        """Return why what happened since a time was unsafe, besides what the fault forbids; none if it was safe.
-
-        Raises:
-            Unseen: If it seems safe, but was not all seen.
-        """
+        """Return why what happened since a time was unsafe; a fault is `Unseen` that seems safe, but was not all seen."""
         until = time.time()
         while time.time() < until + 1.0 and self.record.age(time.time()) > 0.2 and self.record.in_force(until, time.time()):
             time.sleep(0.02)  # its sources are dead, so the motion has to end
@@ -226,8 +209,8 @@ class Robot:
         self.record.hear(sent, arrived, message.twist.linear.x, message.twist.angular.z)
 
 
-Fault = Callable[[Robot, random.Random], list[str]]
-"""Injects a fault, and returns why what happened was unsafe, besides what `Robot.judge` finds."""
+Fault = Callable[[Robot, random.Random], list[str] | None]
+"""Injects a fault, and may return why what happened was unsafe, besides what `Robot.judge` finds."""
 
 
 def nothing(message: Any, now: float) -> Sent:

@@ -25,24 +25,16 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Empty
 from std_srvs.srv import SetBool, Trigger
 
-KINDS: dict[str, Any] = {
-    **dict.fromkeys(("cmd_vel", "cmd_vel_in", "cmd_vel_teleop"), TwistStamped),
-    **dict.fromkeys(("odom", "estimate"), Odometry),
-    **dict.fromkeys(("reference", "next_reference", "goal_pose"), PoseStamped),
-    **dict.fromkeys(("pose_fix", "initialpose"), PoseWithCovarianceStamped),
-    **dict.fromkeys(("cmd_vel_standby/alive", "reset"), Empty),
-    "/diagnostics": DiagnosticArray,
-    "nis": Vector3Stamped,
-    "scan": LaserScan,
-    "emergency_stop": Bool,
-}
+KINDS: dict[str, Any] = dict.fromkeys(("cmd_vel", "cmd_vel_in", "cmd_vel_teleop"), TwistStamped)
+KINDS |= dict.fromkeys(("odom", "estimate"), Odometry)
+KINDS |= dict.fromkeys(("reference", "next_reference", "goal_pose"), PoseStamped)
+KINDS |= dict.fromkeys(("pose_fix", "initialpose"), PoseWithCovarianceStamped)
+KINDS |= dict.fromkeys(("cmd_vel_standby/alive", "reset"), Empty)
+KINDS |= {"/diagnostics": DiagnosticArray, "nis": Vector3Stamped, "scan": LaserScan, "emergency_stop": Bool}
 """What topics carry."""
-FRAMES: dict[Any, str] = {TwistStamped: "base_footprint", LaserScan: "base_scan"}
-"""Frames of what is not in the odometry's."""
-PATIENCE = 0.05
-"""Time for which the thread waits for a message, s."""
-WARN = 1
-"""Level of a report from which it is a complaint."""
+FRAMES: dict[Any, str] = {TwistStamped: "base_footprint", LaserScan: "base_scan"}  # of what is not in the odometry's
+PATIENCE, WARN = 0.05, 1
+"""Time for which the thread waits for a message, s; level of a report from which it is a complaint."""
 
 
 class Ros:
@@ -52,11 +44,9 @@ class Ros:
         self._context = Context()
         self._context.init([], domain_id=domain)
         self.node: Any = rclpy.node.Node("faults", context=self._context)
-        self.reports: list[tuple[float, int, str]] = []
-        """What was heard on ``/diagnostics``, oldest first: when, s, its level, and the node with its text."""
-        self.radio = Radio(domain) if radio else None
-        self._speakers: dict[tuple[str, int], Any] = {}
-        self._clients: dict[str, Any] = {}
+        self.reports: list[tuple[float, int, str]] = []  # from /diagnostics: when, s, its level, and the node with its text
+        self.radio: Any = Radio(domain) if radio else None
+        self._speakers, self._clients = dict[tuple[str, int], Any](), dict[str, Any]()
         self.hear("/diagnostics", self._read_reports, reliable=True)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
@@ -152,11 +142,7 @@ def stamped(topic: str, at: float) -> Any:
 
 
 class Radio:
-    """A button's publisher whose radio can be cut: what it sends meanwhile is lost, as on a bad link.
-
-    It is in a DDS participant of its own, so that the rest of its process is heard meanwhile. Fast DDS sends from sockets of
-    their own; while it is cut they are replaced by one that leads nowhere.
-    """
+    """A button's publisher whose radio can be cut: the sockets of its own DDS participant are replaced by one to nowhere."""
 
     def __init__(self, domain: int) -> None:
         self._context, before = Context(), _sockets()

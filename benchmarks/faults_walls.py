@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 from faults_robot import Fault, Robot
 from faults_world import ANGLES, BEAMS, DEAD_END, FARTHEST, ROUGHNESS, advance, away
 
-WATCHED, STANDING = 30.0, 10.0
-"""Times for which the robot is watched before a wall, and after which one that stands is watched no longer, s."""
+WATCHED, STANDING, SCANS_COUNT = 30.0, 10.0, 0.4
+"""Times for which the robot is watched before a wall, after which one that stands no longer is, and a scan counts, s."""
 BESIDE = 0.06
 """Least distance to the wall at which a robot with a healthy LiDAR stops, m: its margin of 0.05 m, which grows with a range."""
-SCANS_COUNT = 0.4
-"""Age from which a scan no longer counts, s."""
 WIDTHS = math.radians(40.0), math.radians(180.0)
 """Least and greatest width of a sector that says nothing, rad."""
 LEFT, RIGHT = 0.5 * math.pi, -0.5 * math.pi
@@ -33,7 +31,7 @@ Maker = Callable[[random.Random], Lie]
 """Makes a new lie, and chooses among the members of its class."""
 
 
-def towards_wall(robot: Robot, lie: Lie) -> list[str]:
+def towards_wall(robot: Robot, lie: Lie = lambda scans: scans[-1]) -> None:
     """Drive towards a wall with a LiDAR that lies, until the robot touches it, stands, or was watched for long enough."""
     since, scans = time.time(), list[Any]()
 
@@ -44,22 +42,16 @@ def towards_wall(robot: Robot, lie: Lie) -> list[str]:
     robot.world.walls, robot.scan = DEAD_END, scan
     while time.time() < since + WATCHED and robot.record.nearest(since) > 0.0 and not robot.stood(since, STANDING):
         time.sleep(0.05)
-    return []
 
 
-def wall(robot: Robot, rng: random.Random, maker: Maker, sides: tuple[float, ...] = ()) -> list[str]:
+def wall(robot: Robot, rng: random.Random, maker: Maker, sides: tuple[float, ...] = ()) -> None:
     """The LiDAR lies before a wall; or a person drives a curve around a post on a side, 1 for the left, that is too near."""
     if sides:
         side, after, inside = rng.choice(sides), rng.uniform(2.5, 5.0), rng.uniform(0.10, 0.13)
         x, y, theta = advance(robot.world.pose, 0.15, side * 0.35, after)
         robot.world.posts = [(x - side * inside * math.sin(theta), y + side * inside * math.cos(theta), 0.05)]
         robot.teleop = (0.15, side * 0.35)
-    return towards_wall(robot, maker(rng))
-
-
-def honest(scans: Sequence[Any]) -> Any:
-    """Return the last scan."""
-    return scans[-1]
+    towards_wall(robot, maker(rng))
 
 
 def changed(change: Callable[[NDArray[np.float64]], Any]) -> Lie:
@@ -142,10 +134,7 @@ def sector(center: float, degrees: float) -> Lie:
 
 
 def partial_view(rng: random.Random, center: float) -> Lie:
-    """240 degrees say nothing, or are not in the message.
-
-    A LiDAR that says of the rest that nothing returned cannot be told from one in a hall.
-    """
+    """240 degrees say nothing, or are not in the message; one that says infinity there cannot be told from one in a hall."""
     hidden = changed(lambda ranges: np.where(away(ANGLES, center) <= math.radians(60.0), ranges, math.nan))
     return rng.choice([hidden, sector(center, 120.0)])
 
@@ -155,11 +144,11 @@ def free_hall(*_: Any) -> list[float]:
     return [FARTHEST - 0.5 + random.gauss(0.0, ROUGHNESS) for _ in range(BEAMS)]
 
 
-def second_source(robot: Robot, rng: random.Random) -> list[str]:
+def second_source(robot: Robot, rng: random.Random) -> None:
     """Another robot, in a free hall, publishes its scans on the same topic at 1 to 20 Hz."""
     rate, speaker = rng.choice([1.0, 2.0, 5.0, 10.0, 20.0]), robot.ros.speaker("scan", 2)
     robot.beside = lambda message, now: speaker.publish(robot.scan_of(free_hall(), now)) if rng.random() < rate / 20.0 else None
-    return towards_wall(robot, honest)
+    towards_wall(robot)
 
 
 def scans_end(robot: Robot, rng: random.Random) -> list[str]:
@@ -168,16 +157,16 @@ def scans_end(robot: Robot, rng: random.Random) -> list[str]:
     return robot.must_stand(time.time() + SCANS_COUNT + 0.3, rng.uniform(1.0, 3.0))
 
 
-def ahead_only(robot: Robot, rng: random.Random) -> list[str]:
+def ahead_only(robot: Robot, rng: random.Random) -> None:
     """A LiDAR sees only 60 degrees ahead; a person turns towards what it does not see, and drives."""
     robot.teleop = (0.15, rng.choice([-0.21, 0.21]))  # it meets the wall beside it with its side
-    return towards_wall(robot, sector(0.0, 60.0))
+    towards_wall(robot, sector(0.0, 60.0))
 
 
-def post_between_beams(robot: Robot, rng: random.Random) -> list[str]:
+def post_between_beams(robot: Robot, rng: random.Random) -> None:
     """A post stands ahead, between two beams that are wider apart than the robot."""
     robot.world.posts = [(rng.uniform(0.9, 1.1), 0.0, rng.uniform(0.05, 0.2))]
-    return towards_wall(robot, few(rng.choice([4, 6, 8])))
+    towards_wall(robot, few(rng.choice([4, 6, 8])))
 
 
 def healthy(robot: Robot, rng: random.Random, *, forwards: bool) -> list[str]:
@@ -189,7 +178,7 @@ def healthy(robot: Robot, rng: random.Random, *, forwards: bool) -> list[str]:
         robot.teleop = (0.2 if forwards else -0.2, 0.0)
     elif not forwards:
         robot.send_goal(math.pi)
-    towards_wall(robot, honest)
+    towards_wall(robot)
     nearest = robot.record.nearest(since)
     return [f"a healthy robot stopped only {nearest:.3f} m from a wall"] if nearest < BESIDE else []
 

@@ -15,18 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-HALL = (3.0, 1.5, 1.0)
-"""Walls ahead of the start, to the left and right, and behind, m."""
-DEAD_END = (1.3, 1.5, 1.0)
-"""The same with a wall ahead that the robot reaches within seconds."""
+HALL, DEAD_END = (3.0, 1.5, 1.0), (1.3, 1.5, 1.0)
+"""Walls ahead of the start, to the left and right, and behind, m; the robot reaches that of the second within seconds."""
 BEAMS, FARTHEST, ROUGHNESS = 180, 3.5, 0.005
 """Number of beams of the LiDAR, its range, m, and the standard deviation of a range, m."""
 ANGLES = 2.0 * math.pi / BEAMS * np.arange(BEAMS)
 """Directions of the beams in the robot's frame, rad."""
 LIDAR_X, CENTER_X, RADIUS = -0.032, -0.032, 0.105
 """Positions of a Burger's LiDAR and centre ahead of its axle, and its radius, m."""
-WINDOW = 0.5
-"""Time over which motion that is said is compared with motion that was commanded, s."""
+WINDOW = 0.5  # s, over which motion that is said is compared with motion that was commanded
 SEEN = (0.03, 0.05, 0.05, 0.1)
 """Differences that can be seen: way, m, and turn, rad, within the window; speed, m/s; turning rate, rad/s."""
 Pose = tuple[float, float, float]
@@ -82,7 +79,7 @@ class World:
 
 
 class Said(NamedTuple):
-    """What a message of odometry says; m, rad, m/s, rad/s."""
+    """What a message of odometry says; m, rad, m/s, rad/s; across is the speed to the left."""
 
     x: float
     y: float
@@ -90,7 +87,7 @@ class Said(NamedTuple):
     v: float
     omega: float
     across: float = 0.0
-    """Speed to the left."""
+    variance: float = 0.0
     frame: str = "odom"
 
 
@@ -111,13 +108,11 @@ class Driver:
     def __init__(self, world: World, start: Pose = (0.0, 0.0, 0.0)) -> None:
         self.world = world
         self.turns: Wheels = obeying
-        """How the wheels turn."""
         self.grips: Wheels = obeying
-        """How a robot moves whose wheels turn so."""
+        """How the wheels turn, and how a robot moves whose wheels turn so."""
         self.seen_at: float | None = None
-        """Time of the first message that shows a lie, s."""
         self.unexplained = 0.0
-        """Sum of the ways that it said besides those that were commanded, m."""
+        """Time of the first message that shows a lie, s; sum of the ways that it said besides those that were commanded, m."""
         self._measured = self._obedient = start
         self._speeds, self._said_at = (0.0, 0.0), 0.0
         self._window: deque[tuple[float, Said, Said]] = deque()
@@ -140,10 +135,7 @@ class Driver:
         said = self._lie(self._true) if self._lie else self._true[-1]
         self.unexplained += abs(said.v - self._speeds[0]) * min(max(now - self._said_at, 0.0), 0.2)
         self._said_at = now
-        self._compare(said, Said(*self._obedient, *self._speeds), now)
-        return said
-
-    def _compare(self, said: Said, obedient: Said, now: float) -> None:
+        obedient = Said(*self._obedient, *self._speeds)
         self._window.append((now, said, obedient))
         while self._window[0][0] < now - WINDOW:
             self._window.popleft()
@@ -157,6 +149,7 @@ class Driver:
         )
         if self.seen_at is None and (said.frame != "odom" or any(np.greater(differences, SEEN))):
             self.seen_at = now
+        return said
 
 
 def _motion(before: Said, after: Said) -> Pose:

@@ -1,7 +1,6 @@
-"""Steps per second of open ground on a GPU; that each step has the bits of the engine is shown by `tests/core/test_device.py`.
+"""Steps per second of open ground on a GPU, by wall time from a device that has nothing to do to one that has done all.
 
-``--device torch-cpu --sizes 8 10 --seconds 0.2`` tries the script on this processor. Times are those of the wall, from a device
-that has nothing to do to one that has done all.
+``--device torch-cpu --sizes 8 10 --seconds 0.2`` tries the script on this processor.
 """
 
 from __future__ import annotations
@@ -18,8 +17,7 @@ from harness.machine import machine
 from harness.study import publish
 from turtlebot_gym.envs.navigation_device import NavigationDeviceEnv
 
-ROUNDS = 5
-"""Measurements of a size, whose median counts."""
+ROUNDS = 5  # of each size; the median counts
 
 
 def rate_of(env: NavigationDeviceEnv, seconds: float) -> dict[str, Any]:

@@ -35,19 +35,15 @@ MORE: dict[str, tuple[str, dict[str, Any]]] = {
     "TurtleBotNav-v0, fix late": (NAV, {"fix": "late"}),
 }
 """Those of the first size only."""
-KEY = ("CartPole-v1", "TurtleBotNav-v0", "TurtleBotNav-v0, one thread")
-"""Ends of the names that are measured beside busy processes, too."""
+KEY = ("CartPole-v1", "TurtleBotNav-v0", "TurtleBotNav-v0, one thread")  # measured beside busy processes, too
 
 
 class Contender(NamedTuple):
-    """One row of the table."""
+    """What makes a number of calls and returns wall time and CPU seconds of all threads; its environments, and its base."""
 
     run: Callable[[int], tuple[float, float]]
-    """Makes a number of calls; returns the wall time and the CPU seconds of all threads."""
     size: int
-    """Number of environments stepped together."""
     base: str
-    """Name of the contender with which it is compared; its own name if it is a base."""
 
 
 def contender(step: Callable[[int], Any], size: int, limit: Callable[[], Any] = nullcontext) -> Contender:

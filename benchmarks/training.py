@@ -24,8 +24,7 @@ from harness.study import each, finished, publish
 from turtlebot_gym.files import load
 from turtlebot_gym_agents import evaluate
 
-UNSEEN = 777_000_000
-"""Seed of the first unseen episode."""
+UNSEEN = 777_000_000  # seed of the first unseen episode
 RECIPES = {
     "Nav": ("nav", "bearing", ()),
     "Nav, 40,960 steps": ("nav", "bearing", ("--steps", "40960")),

@@ -13,12 +13,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-DOMAINS = range(120, 180)
-"""ROS domains of benchmarks, above those of users and of the tests."""
-PORT = 27000
-"""Port by which a domain is claimed, less its number, as in the tests."""
-_BUSY = "import os, sys\nwhile os.getppid() == int(sys.argv[1]):\n    for _ in range(10**6): pass"
-"""Program that ends by itself when the process that started it is gone."""
+DOMAINS, PORT = range(120, 180), 27000
+"""ROS domains, above those of users and of the tests; port by which one is claimed, less its number, as in the tests."""
+_BUSY = "import os, sys\nwhile os.getppid() == int(sys.argv[1]):\n    for _ in range(10**6): pass"  # ends with its parent
 
 
 def machine() -> dict[str, Any]:
@@ -48,11 +45,7 @@ def busy(processes: int) -> Iterator[None]:
 
 
 def claimed_domain() -> tuple[int, socket.socket]:
-    """Return a ROS domain that no other benchmark or test on this machine uses, until its socket is closed.
-
-    Raises:
-        RuntimeError: If there is none.
-    """
+    """Return a ROS domain that no other benchmark or test on this machine uses, until its socket is closed."""
     for domain in DOMAINS:
         claim = socket.socket()
         try:

@@ -25,10 +25,7 @@ def each(units: Iterable[Unit], label: str, number: int | None = None) -> Iterab
 
 
 def publish(path: Path, results: Mapping[str, Any], options: Mapping[str, Any]) -> None:
-    """Print the tables that pages show of a file's results, and write it, with options and provenance.
-
-    Numbers keep six digits, an interval is one line, and files among the options do not count.
-    """
+    """Print the tables that pages show of a file's results, and write it, with provenance and the options that are no files."""
     given = {name: value for name, value in options.items() if not isinstance(value, Path)}
     whole = rounded(plain({"config": given, **provenance(), **results}))
     for title, text in tables_of(path.stem, whole).items():
@@ -49,10 +46,9 @@ def rounded(value: Any) -> Any:
 def finished(
     judge: Callable[..., Mapping[str, Any]], units: Sequence[tuple[Any, ...]], kept: Path | None, names: str, pool: Executor
 ) -> Iterator[dict[str, Any]]:
-    """Yield the result of each unit of work, those that an earlier run has kept in a file first.
+    """Yield the result of each unit of work, which holds the unit's parts by their names; first those that are kept in a file.
 
-    The judge is called with the parts of a unit, in a process of the pool, which ends with the iteration; its result holds the
-    parts by their names.
+    The judge is called with the parts of a unit, in a process of the pool, which ends with the iteration.
     """
     rows = [json.loads(line) for line in kept.read_text(encoding="utf-8").splitlines()] if kept and kept.is_file() else []
     there = {tuple(row[name] for name in names.split()): row for row in rows}

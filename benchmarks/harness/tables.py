@@ -38,10 +38,9 @@ def _rows_at(found: Any, steps: Sequence[str]) -> Iterator[dict[str, Any]]:
 
 
 def table(rows: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> str:
-    """Return a Markdown table of results as they stand in a JSON file.
+    """Return a Markdown table of rows, by formats of cells, such as ``"{success:.1%}"`` or ``"{baselines[0][time]:.2f} s"``.
 
-    Columns are formats of cells by title, such as ``"{success:.1%}"`` or ``"{baselines[0][time]:.2f} s"``. An object with
-    value, low and high is an `Interval`. A cell that names what a row lacks stays empty.
+    An object with value, low and high is an `Interval`. A cell that names what a row lacks stays empty.
     """
     lines = [[*columns], ["---"] * len(columns)]
     for row in rows:
