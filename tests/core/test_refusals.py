@@ -65,6 +65,8 @@ def test_unknown_options_of_a_reset_are_refused_and_begin_nothing(maker, id):
     env = maker(id)
     for options in ({"begin": 1}, {3: 4}, {1: 2, "b": 3}, "world", 3, ["reset_mask"]):
         refused(lambda options=options: env.reset(seed=0, options=options), "options must be")
+    for name, pose in (("goal", (1.0, NAN)), ("start", (1e10, 0.0, 0.0)), ("goal", "door"), ("goal", (1.0,))):
+        refused(lambda name=name, pose=pose: env.reset(seed=0, options={name: pose}), f"{name}|start and goal|options must be")
     refused(lambda: env.unwrapped.step(np.zeros(env.action_space.shape)), r"Call reset\(\) before step", ResetNeeded)
 
 

@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 import own_parts
 import pytest
-from gymnasium.error import ResetNeeded
 
 from turtlebot_gym import NAV, Task
 
@@ -134,21 +133,3 @@ def test_a_heading_that_is_left_out_is_0(name):
     _, info = env.reset(seed=0, options={"goal": np.array([1.0, 1.0, 7.0]), "start": [-1.5, 0.2]})
     np.testing.assert_allclose(info["reference"], [1.0, 1.0, 7.0 - 2.0 * math.pi])
     assert info["true_state"].tolist() == [-1.5, 0.2, 0.0, 0.0, 0.0]
-
-
-@pytest.mark.parametrize(
-    ("name", "options", "named"),
-    [
-        ("Square", {"start": (0.5, -1.0, 2.0), "goal": (1, 1)}, "start and goal"),
-        ("Nav", {"goal": (1.0, math.nan)}, "goal"),
-        ("Nav", {"start": (1e10, 0.0, 0.0)}, "start"),
-        ("Nav", {"goal": "door"}, "goal"),
-        ("Nav", {"goal": (1.0,)}, "goal"),
-    ],
-)
-def test_poses_that_cannot_be_are_refused_and_begin_nothing(name, options, named):
-    env = make(name)
-    with pytest.raises(ValueError, match=f"^{named}[^\n]*$"):
-        env.reset(seed=0, options=options)
-    with pytest.raises(ResetNeeded):
-        env.unwrapped.step(np.zeros(env.action_space.shape, np.float32))

@@ -21,8 +21,7 @@ def test_a_rollout_in_plain_python_is_the_one_that_was_stored(chosen):
     assert golden.hash_of(chosen, "plain") == KNOWN[golden.name_of(chosen)]
 
 
-@pytest.mark.sample(6)
 @pytest.mark.parametrize("mode", ["scalar", "vector"])
-@pytest.mark.parametrize("chosen", random.Random(1).sample(OPEN_GROUND, 8), ids=golden.name_of)
+@pytest.mark.parametrize("chosen", random.Random(1).sample(OPEN_GROUND, 3), ids=golden.name_of)
 def test_a_compiled_rollout_is_the_one_that_was_stored(chosen, mode):
     assert golden.hash_of(chosen, mode) == KNOWN[golden.name_of(chosen)]
