@@ -5,14 +5,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers import RecordVideo
 
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.observations import OPEN_GROUND
 from turtlebot_gym.observations.columns import bounds_of
 
-NAV, POSE, SQUARE = IDS = [f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square")]
+NAV, POSE, SQUARE = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square"))
 STRAIGHT = np.array([1.0, 0.0], np.float32)
 
 
@@ -93,17 +92,3 @@ def test_pictures_are_those_of_the_scalar_environments(mode):
         envs.reset(options={"reset_mask": np.ones(2, np.bool_)})
     alone.reset()
     np.testing.assert_array_equal(envs.render()[1], alone.render())  # without the trails of the episode before
-
-
-def test_gymnasium_records_videos(tmp_path):
-    pytest.importorskip("moviepy")
-    env = gym.make(NAV, render_mode="rgb_array", max_episode_steps=4)
-    env = RecordVideo(env, str(tmp_path / "films"), episode_trigger=lambda episode: True)
-    for _ in range(2):
-        env.reset(seed=0)
-        for _ in range(4):
-            env.step(STRAIGHT)
-    env.close()
-    films = list((tmp_path / "films").glob("*.mp4"))
-    assert len(films) == 2
-    assert min(film.stat().st_size for film in films) > 1000

@@ -57,12 +57,6 @@ def test_neighbours_are_uncorrelated(counter, lag):
     assert least_p_value(draws, draws + draws[::-1]) < FALSE_ALARM / 8.0  # the test notices what draws share
 
 
-@pytest.mark.parametrize(("seed", "episode", "stream"), [(1, 0, 1), (0, 1, 1), (0, 0, 2), (16, 0, 0)])
-def test_neighbouring_trajectories_are_uncorrelated(seed, episode, stream):
-    first, second = (along("steps", normals), np.array([normals(episode_key(seed, episode), i, stream) for i in range(N)]))
-    assert least_p_value(first, second) > FALSE_ALARM / 8.0
-
-
 def test_log_unit_is_accurate():
     rng = np.random.default_rng(0)
     numbers = [*(2.0 ** rng.uniform(-63.0, 0.0, 20_000)).tolist(), *(1.0 - 2.0 ** rng.uniform(-52.0, 0.0, 5000)).tolist()]
