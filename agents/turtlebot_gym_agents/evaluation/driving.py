@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
 
-ROWS = 64
-"""Most environments that drive episodes at the same time."""
+ROWS, ROWS_IN_ROOMS = 64, 16
+"""Most environments that drive episodes at the same time, on open ground and in rooms, where policies take longer: all of them
+are looked at until the last episode ends."""
 
 
 class Moment(NamedTuple):

@@ -26,7 +26,7 @@ from turtlebot_gym.observations import TERMS, ObservationTerm
 from turtlebot_gym.observations.reading import read_items
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.evaluation.driving import ROWS, driven
+from turtlebot_gym_agents.evaluation.driving import ROWS, ROWS_IN_ROOMS, driven
 from turtlebot_gym_agents.evaluation.episodes import concatenate, measure, outcome_of
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.record import Consistency, Recorder
@@ -35,7 +35,7 @@ from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, walk
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.ids import arguments_of, brought_by, environment_id
 from turtlebot_gym_agents.policies import Policy, make_policy
-from turtlebot_gym_agents.policies.fit import ANYWAY, Mismatch, parameters_of, require_task, require_terms
+from turtlebot_gym_agents.policies.fit import ANYWAY, MISSIONS, ROOMS, Mismatch, parameters_of, require_task, require_terms
 from turtlebot_gym_agents.policies.policy import shown, terms_of
 
 ORACLE = "oracle"
@@ -83,11 +83,11 @@ def evaluate(
     as_int("episodes", episodes, 1)
     env, policy = environment_id(env, options), policy_of(policy)
     require_known(env, seed)
-    parts = []
+    parts, rows = [], ROWS_IN_ROOMS if env in (ROOMS, MISSIONS) else ROWS
     for first in range(0, episodes, BATCH):
         size = min(BATCH, episodes - first)
         config = {"env": env, "policy": policy, "episodes": size, "seed": seed + first, **options}
-        with driving(policy, env, min(size, ROWS), allow_mismatch=allow_mismatch, **options) as (envs, driver):
+        with driving(policy, env, min(size, rows), allow_mismatch=allow_mismatch, **options) as (envs, driver):
             _require_read(parameters_of(envs), options)
             so_far = lambda ended, first=first: progress(first + ended)  # noqa: E731
             parts.append(_driven(envs, driver, config, so_far, consistency=consistency))

@@ -82,7 +82,8 @@ class VectorFieldHistogramPolicy(Baseline):
         counts = away < np.minimum(self.sight, np.abs(to.goal) + self._robot.radius)[..., None]
         cosine = np.where(counts, np.cos(np.minimum(wide, np.pi)), 2.0)
         unit = to.points / np.maximum(away, 1e-9)
-        between = np.cos(_ANGLES)[:, None] * unit.real[..., None, :] + np.sin(_ANGLES)[:, None] * unit.imag[..., None, :]
+        between = np.cos(_ANGLES)[:, None] * unit.real[..., None, :]
+        between += np.sin(_ANGLES)[:, None] * unit.imag[..., None, :]  # in place: fresh memory costs more than the product
         return np.any(between > cosine[..., None, :], axis=-1)
 
     def _drive(self, to: Sight, angle: NDArray[np.float64]) -> NDArray[np.float32]:
