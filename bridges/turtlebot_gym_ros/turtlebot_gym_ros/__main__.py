@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from cmd_vel_guard.discovery import prepare
-from cmd_vel_guard.explain import explain
 from cmd_vel_guard.session import INTERRUPTED
 from turtlebot_gym_ros.nodes import BLOCKS, EXPLAINED, NODES, TOOLS, entry_of, load
 
@@ -93,6 +92,8 @@ def _run(argv: Sequence[str] | None) -> int:
 
 
 def _explained(name: str) -> str:
+    from cmd_vel_guard.explain import explain  # loads NumPy, whose threads are told to sleep first
+
     made, program = load(name), f"python -m turtlebot_gym_ros {name}"
     if name not in BLOCKS:
         module = import_module(made.__module__)
