@@ -4,9 +4,7 @@ import json
 import re
 import subprocess
 import sys
-from contextlib import nullcontext
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -101,26 +99,6 @@ def test_a_users_policy_is_found_in_the_working_folder(tmp_path):
     done = subprocess.run([script, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "mine:drive" in done.stdout
-
-
-def test_weights_and_biases_gets_the_configuration_and_reads_tensorboards_curves(tmp_path, monkeypatch, capsys):
-    begun = []
-
-    def init(**options):
-        begun.append(options)
-        return nullcontext()
-
-    short = ["train", "--steps", "1", "--evaluations", "1", "--wandb", "mine"]
-    monkeypatch.setitem(sys.modules, "wandb", SimpleNamespace(init=init))
-    assert main([*short, "--out", str(tmp_path / "run")]) == 0
-    (options,) = begun
-    assert options.items() >= {"project": "mine", "dir": tmp_path / "run", "sync_tensorboard": True}.items()
-    recorded = json.loads((tmp_path / "run" / "config.json").read_text())
-    assert options["config"].items() <= recorded.items()
-    monkeypatch.setitem(sys.modules, "wandb", None)
-    assert main([*short, "--out", str(tmp_path / "other")]) == 2
-    assert "wandb is not installed: pip install 'turtlebot-gym[wandb]'." in capsys.readouterr().err
-    assert not (tmp_path / "other").exists()
 
 
 def test_a_value_is_yaml_and_several_are_compared(tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -133,7 +132,6 @@ def train(
     workers: int | None = None,
     json: Path | None = None,
     plot: Path | None = None,
-    wandb: str | None = None,
     force: bool = False,
     progress: tyro.conf.Suppress[bool] = True,
     callbacks: tyro.conf.Suppress[Any] = (),
@@ -154,7 +152,6 @@ def train(
         workers: With "local": number of processes, by default one per core.
         json: Write configuration and results here.
         plot: Draw here success and return over the steps; for several seeds their mean, with its 95 % interval.
-        wandb: Send configuration and TensorBoard's curves to this project of Weights & Biases; needs the extra [wandb].
         force: Overwrite files that exist.
         progress: Whether to show a bar.
         callbacks: Additional callbacks of Stable-Baselines3.
@@ -172,19 +169,14 @@ def train(
         require_no_run(path)
     with needs("agents"):
         from turtlebot_gym_agents.training.train import train as train_one
-    if wandb and (cluster or workers):
-        raise ValueError("wandb follows trainings in this process: leave out cluster and workers, or wandb.")
     if cluster or workers:
         from turtlebot_gym_agents.cluster.workers import run
 
         jobs = [partial(train_one, replace(first, seed=seed), path.resolve(), progress=False) for seed, path in folders.items()]
         results = dict(zip(folders, run(jobs, cluster, workers), strict=True))
     else:
-        results = {}
-        for seed, path in folders.items():
-            config = replace(first, seed=seed)
-            with _tracked(wandb, config, path):
-                results[seed] = train_one(config, path, progress=progress, callbacks=callbacks)
+        watched = {"progress": progress, "callbacks": callbacks}
+        results = {seed: train_one(replace(first, seed=seed), path, **watched) for seed, path in folders.items()}
     trained = Training(config=first, folders=folders, results=results)
     if json is not None:
         trained.to_json(json)
@@ -192,13 +184,3 @@ def train(
         histories = [result.history for result in results.values()]
         save_figure(learning_figure(histories, title=f"{first.env}, {first.algo}"), Path(plot))
     return trained
-
-
-def _tracked(project: str | None, config: TrainingConfig, folder: Path) -> Any:
-    """Return the context of a run of Weights & Biases, if requested, which reads what goes to TensorBoard."""
-    if project is None:
-        return nullcontext()
-    with needs("wandb"):
-        import wandb  # pyright: ignore[reportMissingImports]
-    folder.mkdir(parents=True, exist_ok=True)
-    return wandb.init(project=project, name=config.title, dir=folder, config=config.record(), sync_tensorboard=True)

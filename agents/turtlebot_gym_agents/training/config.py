@@ -109,10 +109,6 @@ class TrainingConfig(Options):
         return Options(**{item.name: getattr(self, item.name) for item in fields(Options)}).changed()
 
     @property
-    def title(self) -> str:
-        return f"{self.env.partition('/')[2]} {self.algo} seed {self.seed}"
-
-    @property
     def total(self) -> int:
         return self.steps or self.hyper["n_timesteps"]
 
