@@ -72,7 +72,7 @@ class TrainingConfig(Options):
     episodes: Annotated[int, Range(1, 1_000_000, whole=True)] = 500
     """Episodes of the evaluation at the end; those during training have the first 100."""
     device: str = "cpu"
-    """Device of the network: cpu, cuda, or auto, which uses a GPU for SAC and TD3 if there is one, and the CPU for PPO."""
+    """Device of the network: cpu, cuda, or auto, which uses a GPU if there is one."""
     threads: Annotated[int, Range(1, 4096, whole=True)] = 1
     """Threads of torch and of the compiled loop; small networks gain nothing from more."""
     hyper: Mapping[str, Any] = field(init=False, repr=False)

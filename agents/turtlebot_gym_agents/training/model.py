@@ -10,7 +10,6 @@ import torch
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from turtlebot_gym.observations import OPEN_GROUND, ObservationTerm
 from turtlebot_gym_agents.policies import Policy, make_policy
@@ -32,20 +31,6 @@ TRAINING_SEED = 2**42
 """A run's environments have seeds from (1 + its seed) times this, separate from others."""
 
 
-def _choose_device(device: str, algo: str) -> str:
-    """Return "cpu" or "cuda"; "auto" is a GPU, if there is one, for off-policy algorithms, which spend their time on batches.
-
-    On-policy ones pass each observation through a small network by itself: Stable-Baselines3 2.9 says of PPO that it is "meant
-    to be run primarily on the CPU" unless the policy is a CNN.
-    """
-    has_gpu = torch.cuda.is_available()
-    if device == "cuda" and not has_gpu:
-        raise ValueError(f"device 'cuda' is not available: torch {torch.__version__} finds no GPU; use --device cpu.")
-    if device == "auto":
-        return "cuda" if has_gpu and issubclass(ALGORITHMS[algo], OffPolicyAlgorithm) else "cpu"
-    return device
-
-
 def _stands(observations: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.zeros((len(observations), 2), np.float32)
 
@@ -62,14 +47,16 @@ def make_model(config: TrainingConfig, envs: VectorEnv, *, tensorboard: Path | N
     mean, std = measure(envs, driver, ranges, seed=NORMALIZATION_SEED + config.seed, steps=steps)
     layer = {"mean": mean, "std": std, "ranges": ranges}
     normalization = {"features_extractor_class": NormalizedObservation, "features_extractor_kwargs": layer}
-    keywords, device = arguments(config.hyper), _choose_device(config.device, config.algo)
+    if config.device == "cuda" and not torch.cuda.is_available():
+        raise ValueError(f"device 'cuda' is not available: torch {torch.__version__} finds no GPU; use --device cpu.")
+    keywords = arguments(config.hyper)
     adapter = Sb3VecEnv(Staggered(envs, driver, STAGGER), reward_scale=config.hyper.get("reward_scale", 1.0))
     try:
         model = ALGORITHMS[config.algo](
             config.hyper["policy"],
             adapter,
             seed=config.seed,
-            device=device,
+            device=config.device,
             tensorboard_log=None if tensorboard is None else str(tensorboard),
             **{**keywords, "policy_kwargs": normalization | keywords["policy_kwargs"]},
         )
