@@ -56,7 +56,7 @@ def test_the_cheapest_path_is_dijkstras():
 def test_one_robot_and_several_run_the_same_machine_code():
     for shape in ((), (1,), (3,)):
         PlannerPolicy()(np.broadcast_to(sight(shares=NOTHING), (*shape, 50)))
-    assert len(grid.advance().signatures) == 1
+    assert len(grid.advance.signatures) == 1
 
 
 def test_machine_code_is_plain_python_to_the_bit():
@@ -65,7 +65,7 @@ def test_machine_code_is_plain_python_to_the_bit():
     for _ in range(5):
         scans, shares = random.uniform(-2.0, 2.0, (2, 3)), np.minimum(random.uniform(0.1, 1.3, (2, SECTORS)), 1.0)
         places, goals, yes = random.uniform(-2.0, 2.0, (2, 2)), random.uniform(-9.0, 9.0, (2, 2)), np.ones(2, np.bool_)
-        for function, (seen, failed_attempts, ways, targets) in ((grid.advance(), compiled), (grid._advance, plain)):
+        for function, (seen, failed_attempts, ways, targets) in ((grid.advance, compiled), (grid.advance._function, plain)):
             reaches, numbers = np.array([3.4, 2.0]), (policy._stamp, 2.0, 1.15, 6, 4)
             function(seen, failed_attempts, ways, scans, reaches, shares, yes, places, goals, yes, yes, *numbers, targets)
         for array, expected in zip(compiled, plain, strict=True):

@@ -117,11 +117,7 @@ def _absent(world: Any, p: Any) -> Any:
 
 
 def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
-    """Write an ONNX model with its card; the file is replaced atomically, and so are the model's metadata.
-
-    The model is a map from observations (n, k), of as many numbers as the card's terms have, to actions (n, 2), see
-    `OnnxNetwork`.
-    """
+    """Write an ONNX model, as this module describes it, with its card; the file and the model's metadata are replaced."""
     for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):
         del part.metadata_props[:]  # torch's exporter leaves paths of its machine there
         part.doc_string = ""
@@ -132,62 +128,19 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
         beside.write_bytes(_with_hash(blank, hashlib.sha256(blank).hexdigest()))
 
 
-class OnnxNetwork:
-    """An ONNX model that onnxruntime runs; ``path`` is its name in refusals of what is no model."""
-
-    def __init__(self, path: object, content: bytes) -> None:
-        try:
-            import onnxruntime
-        except ImportError as error:
-            raise ImportError("A policy bundle needs onnxruntime: pip install 'turtlebot-gym[deploy]'.") from error
-        self._path = path
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 4
-        try:
-            self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime has no common base class for its errors
-            raise ValueError(f"{path} is not a policy bundle: {' '.join(str(error).split())}.") from error
-        inputs: Any = self._session.get_inputs()
-        self._inputs = [item.name for item in inputs]
-        self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
-        """Texts in the file by their keys."""
-        self.memory: int = inputs[1].shape[-1] if len(inputs) == 2 and inputs[1].shape else 0
-        """How many numbers it carries from a step to the next; 0 for a network without memory."""
-
-    def require_shapes(self, size: int) -> None:
-        """Refuse a model that does not return one action, and one memory, per observation of so many numbers."""
-        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
-        has_memory = isinstance(self.memory, int) and self.memory > 0
-        wanted = ["tensor(float)", [size]], *([["tensor(float)", [self.memory]]] if has_memory else [])
-        results = ["tensor(float)", [2]], *wanted[1:]
-        ends = [[end.type, end.shape[1:]] for end in (*inputs, *outputs)]
-        if ends != [*wanted, *results] or any(isinstance(end.shape[0], int) for end in inputs):
-            memory = ", beside them from a memory (n, m) to the next one" if len(inputs) > 1 else ""
-            raise ValueError(
-                f"{self._path}: its model must be from float observations (n, {size}) to float actions (n, 2){memory}, it is "
-                f"from {[(end.type, end.shape) for end in inputs]} to {[(end.type, end.shape) for end in outputs]}."
-            )
-        for rows in (1, 3):  # alone, and in a batch: a model may fix either size
-            observations = np.full((rows, size), 0.5, np.float32)
-            observations[-1], observations[0] = 1.0, 0.0
-            memory = np.zeros((rows, self.memory), np.float32)
-            for _ in range(2):  # the second time with its own memory
-                try:
-                    actions, memory = self.run(observations, memory)
-                except Exception as error:  # onnxruntime has no common base class for its errors
-                    raise ValueError(f"{self._path}: its model does not run: {' '.join(str(error).split())}") from error
-                shapes = actions.shape, memory.shape
-                if shapes != ((rows, 2), (rows, self.memory)) or not (np.isfinite(actions).all() and np.isfinite(memory).all()):
-                    raise ValueError(f"{self._path}: its model must give {rows} finite actions for as many observations.")
-
-    def run(
-        self, observations: NDArray[np.float32], memory: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return actions (n, 2), and the next memory (n, m) or what is given, for observations (n, k) and a memory (n, m)."""
-        values = (observations, memory) if self.memory else (observations,)
-        answers: Any = self._session.run(None, dict(zip(self._inputs, values, strict=True)))
-        return answers[0], answers[1] if self.memory else memory
+def _session(path: object, content: bytes) -> Any:
+    """Return the session of onnxruntime that runs a model."""
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise ImportError("A policy bundle needs onnxruntime: pip install 'turtlebot-gym[deploy]'.") from error
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime has no common base class for its errors
+        raise ValueError(f"{path} is not a policy bundle: {' '.join(str(error).split())}.") from error
 
 
 class BundlePolicy:
@@ -201,9 +154,10 @@ class BundlePolicy:
         self._path, content = path, Path(path).read_bytes()
         self.sha256: str = _verified_hash(path, content)
         """Hash of the file."""
-        self._network = OnnxNetwork(path, content)
+        self._session = _session(path, content)
         try:
-            self.card = _read_card(json.loads(self._network.metadata[KEY])["card"])
+            metadata = self._session.get_modelmeta().custom_metadata_map
+            self.card = _read_card(json.loads(metadata[KEY])["card"])
             """Card of the policy."""
             self.terms = tuple(map(term_on, self.card.terms))
             """The terms of its observations."""
@@ -211,10 +165,12 @@ class BundlePolicy:
                 raise ValueError("a term is named twice.")
         except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise ValueError(f"{path} is not a policy bundle: its card: {' '.join(str(error).split())}") from error
-        self._network.require_shapes(size_of(self.terms))
-        require_fit(path, self.card.robot, self.card.dt, robot, dt)
-        self.memory = self._network.memory
+        inputs: Any = self._session.get_inputs()
+        self._inputs = [item.name for item in inputs]
+        self.memory: int = inputs[1].shape[-1] if len(inputs) == 2 and inputs[1].shape else 0
         """How many numbers it carries from a step to the next, such as a frame stack or the state of an LSTM; 0 for none."""
+        self._require_shapes(size_of(self.terms))
+        require_fit(path, self.card.robot, self.card.dt, robot, dt)
         self._memory: NDArray[np.float32] | None = None
         if self.memory:  # then it is a `PolicyWithMemory`
             self.reset = self._reset
@@ -238,7 +194,7 @@ class BundlePolicy:
                 f"reset(mask) with a mask of shape {lead} where they begin."
             )
         memory = np.empty(0, np.float32) if self._memory is None else self._memory.reshape(-1, self.memory)
-        actions, memory = self._network.run(rows.reshape(-1, size), memory)
+        actions, memory = self._run(rows.reshape(-1, size), memory)
         if not (np.isfinite(actions).all() and np.isfinite(memory).all()):
             raise ValueError(f"{self._path}: its model must give finite actions; for these observations it does not.")
         if self.memory:
@@ -251,6 +207,40 @@ class BundlePolicy:
         if self._memory is None or self._memory.shape[:-1] != begins.shape:
             self._memory = np.zeros((*begins.shape, self.memory), np.float32)
         self._memory = np.where(begins[..., None], np.float32(0.0), self._memory)
+
+    def _require_shapes(self, size: int) -> None:
+        """Refuse a model that does not return one action, and one memory, per observation of so many numbers."""
+        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+        has_memory = isinstance(self.memory, int) and self.memory > 0
+        wanted = ["tensor(float)", [size]], *([["tensor(float)", [self.memory]]] if has_memory else [])
+        results = ["tensor(float)", [2]], *wanted[1:]
+        ends = [[end.type, end.shape[1:]] for end in (*inputs, *outputs)]
+        if ends != [*wanted, *results] or any(isinstance(end.shape[0], int) for end in inputs):
+            memory = ", beside them from a memory (n, m) to the next one" if len(inputs) > 1 else ""
+            raise ValueError(
+                f"{self._path}: its model must be from float observations (n, {size}) to float actions (n, 2){memory}, it is "
+                f"from {[(end.type, end.shape) for end in inputs]} to {[(end.type, end.shape) for end in outputs]}."
+            )
+        for rows in (1, 3):  # alone, and in a batch: a model may fix either size
+            observations = np.full((rows, size), 0.5, np.float32)
+            observations[-1], observations[0] = 1.0, 0.0
+            memory = np.zeros((rows, self.memory), np.float32)
+            for _ in range(2):  # the second time with its own memory
+                try:
+                    actions, memory = self._run(observations, memory)
+                except Exception as error:  # onnxruntime has no common base class for its errors
+                    raise ValueError(f"{self._path}: its model does not run: {' '.join(str(error).split())}") from error
+                shapes = actions.shape, memory.shape
+                if shapes != ((rows, 2), (rows, self.memory)) or not (np.isfinite(actions).all() and np.isfinite(memory).all()):
+                    raise ValueError(f"{self._path}: its model must give {rows} finite actions for as many observations.")
+
+    def _run(
+        self, observations: NDArray[np.float32], memory: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return actions (n, 2), and the next memory (n, m) or what is given, for observations (n, k) and a memory (n, m)."""
+        values = (observations, memory) if self.memory else (observations,)
+        answers: Any = self._session.run(None, dict(zip(self._inputs, values, strict=True)))
+        return answers[0], answers[1] if self.memory else memory
 
 
 def _read_card(content: Mapping[str, Any]) -> Card:

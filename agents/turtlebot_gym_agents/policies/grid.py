@@ -7,14 +7,12 @@ llvmlite is, else plain Python, with the same bits. Places are in the grid's fra
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.program import compiled
+from turtlebot_gym.compiled.program import in_machine_code
 from turtlebot_gym.kernel import in_loops, kernel, sqrt
 from turtlebot_gym.models.angles import TWO_PI, sincos
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
@@ -136,20 +134,7 @@ def _is_any(marks) -> bool:
 
 
 @kernel
-def plan(
-    grid,
-    failed_attempts,
-    ways,
-    stuck: bool,
-    place,
-    goal,
-    stamp,
-    preview: float,
-    detour: float,
-    unknown: int,
-    habit: int,
-    target,
-) -> None:
+def plan(grid, failed_attempts, ways, stuck, place, goal, stamp, preview, detour, unknown, habit, target) -> None:
     """Write the point to steer to: the farthest of the path to which a straight line costs little more; NaN for the goal.
 
     ``grid`` is evidence, as for `see`, ``failed_attempts`` counts those to enter each cell, and ``ways`` marks the cells of the
@@ -220,21 +205,17 @@ def plan(
             break
 
 
-def _advance(
+@in_machine_code("ways of the planner")
+def advance(
     grids, failed, ways, scans, reaches, shares, new, places, goals, due, stuck, stamp, preview, detour, unknown, habit, targets
 ) -> None:
+    """Let several robots `see` where ``new`` and `plan` where ``due``."""
     for n in range(len(grids)):
         if new[n]:
             see(grids[n], scans[n], shares[n], reaches[n])
         if due[n]:
             at, to = places[n], goals[n]
             plan(grids[n], failed[n], ways[n], stuck[n], at, to, stamp, preview, detour, unknown, habit, targets[n])
-
-
-@cache
-def advance() -> Callable[..., None]:
-    """Return the compiled function that lets several robots `see` where ``new`` and `plan` where ``due``."""
-    return compiled(_advance, "ways of the planner")
 
 
 def shifted(grid: NDArray[Any], rows: int, columns: int) -> NDArray[Any]:

@@ -178,7 +178,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         reaches = CELL / np.maximum(0.1 * np.abs(omega), 0.01)  # farther places are blurred by the turn
         new = (shares != memory.shares).any(axis=-1)
         seen, rules = memory[:3], (self._stamp, self.preview, self.detour, self._unknown, round(16.0 * self.habit))
-        advance()(*seen, scans, reaches, shares, new, _pairs(place), goals, due, stuck, *rules, targets)
+        advance(*seen, scans, reaches, shares, new, _pairs(place), goals, due, stuck, *rules, targets)
         memory.idle[stuck], memory.pace[stuck] = 0, 1.0
         moved, turned = arc(v, omega, self.dt)
         memory.target[:], memory.shares[:] = targets @ (1.0, 1j), shares
