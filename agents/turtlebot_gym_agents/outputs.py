@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
 
-
-class OutputFile(NamedTuple):
-    """Kind of file that a command writes."""
-
-    endings: tuple[str, ...] = ()
-    """Allowed suffixes; empty for any."""
-
-
-JSON = OutputFile((".json",))
-FIGURE = OutputFile((".png", ".pdf", ".svg"))
+JSON, FIGURE = (".json",), (".png", ".pdf", ".svg")
+"""Suffixes that files of a kind may have."""
 
 
 def require_outputs(
-    outputs: Iterable[tuple[str, Path | str | None, OutputFile]], *, inputs: Iterable[object] = (), force: bool = False
+    outputs: Iterable[tuple[str, Path | str | None, tuple[str, ...]]], *, inputs: Iterable[object] = (), force: bool = False
 ) -> None:
-    """Refuse files that cannot or should not be written, each given as option, path or None, and kind; make missing folders.
+    """Refuse files that cannot or should not be written, each given as option, path or None, and suffixes; make folders.
 
     Files among ``inputs``, the values of other options, and in their folders, are never overwritten; others that exist only
     with ``force``. A refusal is one line that names the option, the path and the rule.
@@ -29,7 +20,7 @@ def require_outputs(
     read = [
         Path(value).resolve() for value in inputs if isinstance(value, (str, Path)) and value != "" and Path(value).exists()
     ]
-    for option, given, kind in outputs:
+    for option, given, endings in outputs:
         if given is None:
             continue
         path = Path(given)
@@ -38,8 +29,8 @@ def require_outputs(
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists() and not path.is_file():
             continue  # a device or a pipe
-        if kind.endings and path.suffix.lower() not in kind.endings:
-            raise ValueError(f"{option} {path}: its name must end with {' or '.join(kind.endings)}.")
+        if path.suffix.lower() not in endings:
+            raise ValueError(f"{option} {path}: its name must end with {' or '.join(endings)}.")
         if path.exists() and any(path.resolve() == one or one in path.resolve().parents for one in read):
             raise ValueError(f"{option} {path}: it is an input of the same command; choose another name.")
         if not force and path.exists() and path.stat().st_size > 0:

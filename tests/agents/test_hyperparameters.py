@@ -7,13 +7,13 @@ import pytest
 import torch
 import yaml
 
-from turtlebot_gym_agents.training import hyperparameters
+from turtlebot_gym_agents.policies.named import shipped_folder
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.hyperparameters import arguments, load
+from turtlebot_gym_agents.training.hyperparameters import ROLLOUTS, arguments, load
 from turtlebot_gym_agents.training.model import make_model
 
 TASKS = ["turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotPose-v0", "turtlebot_gym/TurtleBotSquare-v0"]
-SHIPPED = sorted(path.stem for path in hyperparameters.configs_folder().glob("*.yaml"))
+SHIPPED = sorted(path.stem for path in shipped_folder("configs").glob("*.yaml"))
 NEEDED = {"n_envs": 2, "n_timesteps": 16, "policy": "MlpPolicy"}
 
 
@@ -41,7 +41,7 @@ def test_shipped_files_are_read_for_any_environment_and_mean_the_same_to_the_zoo
     for env in TASKS:
         hyper = load(algo, env)
         assert load(algo, env, hyper) == hyper
-        theirs = yaml.safe_load((hyperparameters.configs_folder() / f"{algo}.yaml").read_text())[env]["policy_kwargs"]
+        theirs = yaml.safe_load((shipped_folder("configs") / f"{algo}.yaml").read_text())[env]["policy_kwargs"]
         network = eval(theirs, {"nn": torch.nn}) if isinstance(theirs, str) else theirs
         assert network == arguments(hyper)["policy_kwargs"]
 
@@ -116,7 +116,7 @@ def test_few_steps_are_divided_among_fewer_environments_in_smaller_batches():
         for steps in (1, 5_000, 20_000, 40_960, 300_000, whole["n_timesteps"]):
             hyper = TrainingConfig(env=env, steps=steps).hyper
             rollout = hyper["n_envs"] * hyper["n_steps"]
-            assert hyper["n_envs"] == 8 or steps // rollout >= hyperparameters.ROLLOUTS
+            assert hyper["n_envs"] == 8 or steps // rollout >= ROLLOUTS
             assert rollout // hyper["batch_size"] == whole["n_envs"] * whole["n_steps"] // whole["batch_size"]
             assert {**hyper, "n_envs": whole["n_envs"], "batch_size": whole["batch_size"]} == whole
         assert TrainingConfig(env=env, steps=whole["n_timesteps"]).hyper == TrainingConfig(env=env).hyper == whole

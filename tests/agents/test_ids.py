@@ -5,7 +5,7 @@ import json
 import gymnasium as gym
 import pytest
 
-from turtlebot_gym_agents.evaluation.evaluate import driver_of
+from turtlebot_gym_agents.evaluation.evaluate import driving
 from turtlebot_gym_agents.ids import SHORT, arguments_of, environment_id
 
 BROUGHT = {"task": "room", "world": "office", "lidar": "lds02", "robot": "waffle", "noise": "wheel", "dt": 0.2, "delay": 1}
@@ -56,4 +56,5 @@ def test_the_id_brings_its_options_into_the_bundle_of_a_run_however_it_is_named(
         export(tmp_path / "best.zip", tmp_path / "bundle.onnx", env=name, allow_pickle=True, steps=5)
         card = BundlePolicy(tmp_path / "bundle.onnx").card
         assert (card.robot["name"], card.noise) == (brought.get("robot", "burger"), brought.get("noise", "tutorial"))
-        driver_of(str(tmp_path / "bundle.onnx"), envs)  # it drives where it was trained
+        with driving(str(tmp_path / "bundle.onnx"), config.env, 1):
+            pass  # it drives where it was trained

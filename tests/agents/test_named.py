@@ -14,7 +14,7 @@ from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import BearingPolicy, ProportionalPolicy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.policies.fit import ROOMS
-from turtlebot_gym_agents.policies.named import pretrained_folder
+from turtlebot_gym_agents.policies.named import shipped_folder
 
 LAWS = {
     "proportional": ProportionalPolicy,
@@ -62,13 +62,13 @@ def seeing(observations):
 seeing.terms = ROOM
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in pretrained_folder().glob("*.onnx")))
+@pytest.mark.parametrize("name", sorted(path.stem for path in shipped_folder("pretrained").glob("*.onnx")))
 def test_the_shipped_policies_have_their_names_and_tasks_and_are_made_for_their_robot_and_period(name):
     policy = make_policy(name)
     assert isinstance(policy, BundlePolicy)
     assert (policy.card.env, policy.card.robot["name"], policy.card.dt) == (SHIPPED[name], "burger", 0.1)
     assert policy(np.resize(SIGHT, size_of(policy.terms))).shape == (2,)
-    for reference in (name, str(pretrained_folder() / f"{name}.onnx")):
+    for reference in (name, str(shipped_folder("pretrained") / f"{name}.onnx")):
         assert make_policy(reference).sha256 == policy.sha256
         for options, wanted in (({"robot": "waffle"}, "10 Hz waffle"), ({"dt": 0.25}, "4 Hz burger")):
             with pytest.raises(ValueError, match=f"made for 10 Hz burger, asked for {wanted}"):

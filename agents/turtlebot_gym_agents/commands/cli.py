@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)  # for users' policies, which a console script would not find
     with warnings.catch_warnings():
-        warnings.showwarning = _as_text(warnings.showwarning)
+        warnings.showwarning = lambda message, *where, **more: print(f"turtlebot-gym: {message}", file=sys.stderr)
         try:
             made = tyro.extras.subcommand_cli_from_dict(commands(), prog="turtlebot-gym", args=argv)
             if made is not None:
@@ -59,15 +59,3 @@ def main(argv: Sequence[str] | None = None) -> int:
             print("turtlebot-gym: interrupted.", file=sys.stderr)
             return 130
     return 0
-
-
-def _as_text(show: Callable[..., None]) -> Callable[..., None]:
-    """Return a function that prints a notice as one line, and shows other warnings by another function."""
-
-    def shown(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
-        if category is UserWarning:
-            print(f"turtlebot-gym: {message}", file=sys.stderr)
-        else:
-            show(message, category, *where, **more)
-
-    return shown

@@ -48,11 +48,8 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, deta
         s = summaries[label]
         cells = {name: interval_cell(s[name], digits, brief=True) for name, digits in BRIEF.items()}
         cells |= {"false arrivals, %": f"{s['false_arrival']:.1%}", "success, %": f"{s['success']:.1%}"}
-        cells |= {
-            "to goal, s": interval_cell(s["time_to_goal"], 2),
-            "time*, s": interval_cell(s["time"], 2),
-            "miss, m": cells["miss"],
-        }
+        cells |= {"to goal, s": interval_cell(s["time_to_goal"], 2), "time*, s": interval_cell(s["time"], 2)}
+        cells["miss, m"] = cells["miss"]
         cells["difference, s"] = "" if evaluation is first else interval_cell(paired(evaluation, first), 2)
         driven.add_row(label, *(cells[str(column.header)] for column in driven.columns[1:]))
         estimate.add_row(label, *error_cells(evaluation.episodes.estimate))
@@ -66,15 +63,8 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, deta
 
 
 def _missions_table(summaries: Mapping[str, Mapping[str, Interval]]) -> Table:
-    table = Table(
-        "",
-        "truly reached, %",
-        "falsely, %",
-        "truly reached an hour",
-        "lost, % of the time",
-        title="goals, of those given",
-        caption="lost: the observed pose is more than 0.5 m off",
-    )
+    columns = ("truly reached, %", "falsely, %", "truly reached an hour", "lost, % of the time")
+    table = Table("", *columns, title="goals, of those given", caption="lost: the observed pose is more than 0.5 m off")
     for label, s in summaries.items():
         true, false, lost = (f"{s[name]:.1%}" for name in ("goals", "false_goals", "lost"))
         table.add_row(label, true, false, interval_cell(s["goals_an_hour"], 1), lost)

@@ -160,7 +160,7 @@ def make_envs(env: str, num_envs: int, **options: Any) -> VectorEnv:
 def driving(
     policy: str | Policy, env: str, num_envs: int, *, allow_mismatch: bool = False, **options: Any
 ) -> Iterator[tuple[VectorEnv, Policy]]:
-    """Yield environments, and a policy for them, as `driver_of` makes it.
+    """Yield environments, and a policy that reads what they show; one given by name is made for their robot and interval.
 
     If the options name no observation, it has the terms that the policy reads beside those of the task. A bundle gets only
     the package's terms so: a file names no code to run.
@@ -170,12 +170,12 @@ def driving(
         is_bundle = getattr(made, "card", None) is not None
         lacks = [term for term in terms_of(made) or () if terms and term not in terms and (term.name in TERMS or not is_bundle)]
         if not lacks or options.get("observation") is not None:
-            yield envs, driver_of(made, envs, name=policy)
+            yield envs, shown(made, name_of(policy), terms) if terms else made
             return
     _, items = read_items(brought_by(env).get("observation", "ekf"))
     options["observation"] = (*items, *(term.spelled for term in lacks))
     with closing(make_envs(env, num_envs, **options)) as envs:
-        yield envs, driver_of(policy, envs, allow_mismatch=allow_mismatch)
+        yield envs, shown(_made_for(policy, envs, allow_mismatch), name_of(policy), _terms_in(envs))
 
 
 def require_known(env: str, seed: int) -> None:
@@ -184,24 +184,15 @@ def require_known(env: str, seed: int) -> None:
     choose("env", environment_id(env), {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
 
 
-def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch: bool = False, name: Any = None) -> Policy:
-    """Return a policy that reads what environments show; one given by name is made for their robot and control interval.
-
-    "oracle" is known in vector environments. ``name`` is the policy's in refusals of one that does not match.
-    """
-    driver, terms = _made_for(policy, envs, allow_mismatch), _terms_in(envs)
-    return shown(driver, name_of(policy if name is None else name), terms) if terms else driver
-
-
-def _terms_in(envs: gym.Env | VectorEnv) -> Sequence[ObservationTerm]:
+def _terms_in(envs: VectorEnv) -> Sequence[ObservationTerm]:
     return getattr(envs.unwrapped, "observation_terms", ())
 
 
-def _made_for(policy: str | Policy, envs: gym.Env | VectorEnv, allow_mismatch: bool) -> Policy:
+def _made_for(policy: str | Policy, envs: VectorEnv, allow_mismatch: bool) -> Policy:
     """Return a policy; one given by name is made for the environment, and refused where it does not match."""
     if not isinstance(policy, str):
         return policy
-    if policy == ORACLE and isinstance(envs, VectorEnv):
+    if policy == ORACLE:
         from turtlebot_gym_agents.evaluation.oracle import Oracle  # slow to import
 
         return Oracle(envs)

@@ -47,17 +47,10 @@ def errors(poses: ArrayLike, truth: ArrayLike) -> Errors:
     """
     position, heading = position_error(poses, truth), heading_error(poses, truth)
     last = len(position) - 1 - np.argmax(np.isfinite(position)[::-1], axis=0)[None]
-    return Errors(
-        *(
-            number
-            for error in (position, heading)
-            for number in (
-                np.nanmean(error, axis=0),
-                np.nanmax(error, axis=0),
-                np.take_along_axis(error, last, axis=0)[0],
-            )
-        )
-    )
+    numbers: list[NDArray[np.float64]] = []
+    for error in (position, heading):
+        numbers += [np.nanmean(error, axis=0), np.nanmax(error, axis=0), np.take_along_axis(error, last, axis=0)[0]]
+    return Errors(*numbers)
 
 
 def share(happened: ArrayLike) -> Interval:

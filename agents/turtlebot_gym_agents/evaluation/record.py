@@ -73,11 +73,7 @@ class Consistency(NamedTuple):
 
 
 class Recorder:
-    """Collects the rows of episodes; call it with what `driving.driven` yields.
-
-    Args:
-        consistency: Whether to compute NEES and NIS.
-    """
+    """Collects the rows of episodes, with ``consistency`` also NEES and NIS; call it with what `driving.driven` yields."""
 
     def __init__(self, *, consistency: bool = False) -> None:
         self._consistency = consistency
@@ -107,11 +103,8 @@ class Recorder:
         # In its episode, the row before a step is the step before it, or the start.
         before[at] = np.where(np.diff(episode[at], prepend=-1) > 0, episode[at], n + np.roll(at, 1))
         end = n + len(episode)
-        open_ground = {
-            "collision": np.zeros(end, np.bool_),
-            "clearance": np.full(end, np.nan),
-            "way_left": np.full(end, np.nan),
-        }
+        unknown = np.full(end, np.nan)
+        open_ground = {"collision": np.zeros(end, np.bool_), "clearance": unknown, "way_left": unknown}
         columns = {name: np.concatenate([starts[name][order], values]) for name, values in steps.items()}
         return Record(n, episode, before, open_ground | columns, np.array(self._covariance))
 

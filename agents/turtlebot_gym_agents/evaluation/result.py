@@ -45,11 +45,6 @@ class Evaluation(Result):
         """Return the time of each episode, shape (n,), s; a failure counts as the limit."""
         return np.where(self.episodes.success, self.episodes.time, self.limit)
 
-    def spl(self) -> NDArray[np.float64]:
-        """Return each episode's SPL, success times shortest over driven length, shape (n,)."""
-        e = self.episodes
-        return e.success * e.shortest / np.maximum(e.path, e.shortest)
-
     def summary(self) -> dict[str, Interval]:
         """Return the episodes in numbers: means and shares, with 95 % intervals."""
         e = self.episodes
@@ -83,13 +78,14 @@ class Evaluation(Result):
     def _in_rooms(self) -> dict[str, Interval]:
         """Return the summary of episodes in rooms.
 
-        "barn" is the score of the BARN challenge, at most 0.5: Xiao et al., *IEEE Robotics & Automation Magazine* 29 (2022).
+        "spl" is success times shortest over driven length, "barn" the score of the BARN challenge, at most 0.5: Xiao et al.,
+        *IEEE Robotics & Automation Magazine* 29 (2022).
         """
         e, fastest = self.episodes, self.episodes.shortest / self.max_linear
         return {
             "collision": metrics.share(e.collision),
             "timeout": metrics.share(~e.success & ~e.collision),
-            "spl": metrics.mean(self.spl()),
+            "spl": metrics.mean(e.success * e.shortest / np.maximum(e.path, e.shortest)),
             "clearance": metrics.mean(e.clearance),
             "clearance_5th": metrics.quantile(e.clearance, 0.05),
             "barn": metrics.mean(e.success * fastest / np.clip(e.time, 2.0 * fastest, 8.0 * fastest)),

@@ -2,7 +2,7 @@
 
 from turtlebot_gym_agents.policies.deployment import Deployment
 from turtlebot_gym_agents.policies.geometric import BearingPolicy, CornerPolicy, ProportionalPolicy
-from turtlebot_gym_agents.policies.named import POLICIES, make_policy, pretrained_folder
+from turtlebot_gym_agents.policies.named import POLICIES, make_policy
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, terms_of
 
 __all__ = [
@@ -14,6 +14,5 @@ __all__ = [
     "PolicyWithMemory",
     "ProportionalPolicy",
     "make_policy",
-    "pretrained_folder",
     "terms_of",
 ]

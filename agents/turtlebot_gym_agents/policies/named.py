@@ -45,11 +45,6 @@ def bare(name: str) -> str:
     return name
 
 
-def pretrained_folder() -> Path:
-    """Return the folder with the bundles shipped with the package."""
-    return shipped_folder("pretrained")
-
-
 def shipped_folder(name: str) -> Path:
     """Return a folder that is shipped with the package: inside it if installed, beside it in a checkout."""
     installed = Path(str(resources.files("turtlebot_gym_agents"))) / name
@@ -58,7 +53,7 @@ def shipped_folder(name: str) -> Path:
 
 def bundle_of(name: str) -> Path | None:
     """Return the file of a bundle by its path or its name in the package; None for other policies."""
-    shipped = pretrained_folder() / f"{name}.onnx"
+    shipped = shipped_folder("pretrained") / f"{name}.onnx"
     if name.endswith(".onnx"):
         return Path(name)
     return shipped if name.isprintable() and "/" not in name and shipped.is_file() else None
@@ -109,7 +104,7 @@ def make_policy(
             "training by this package, or export(model, ...) in Python."
         )
     if not all(name.partition(":")):
-        names = (*POLICIES, *sorted(path.stem for path in pretrained_folder().glob("*.onnx")))
+        names = (*POLICIES, *sorted(path.stem for path in shipped_folder("pretrained").glob("*.onnx")))
         refusal = f"policy must be one of {', '.join(map(repr, names))}, FILE.onnx, FILE.yaml or 'module:callable'"
         raise ValueError(f"{refusal}, got {name!r}.{did_you_mean(name, names)}")
     try:

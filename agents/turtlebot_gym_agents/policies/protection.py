@@ -18,22 +18,8 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.values import Command
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
-from turtlebot_gym_agents.policies.policy import (
-    Policy,
-    PolicyWithMemory,
-    numbers_of,
-    shown,
-    with_room,
-)
-from turtlebot_gym_agents.policies.sight import (
-    DIRECTIONS,
-    EDGE,
-    HALF_SECTOR,
-    UNSEEN,
-    SightMotion,
-    look,
-    time_to_contact,
-)
+from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, numbers_of, shown, with_room
+from turtlebot_gym_agents.policies.sight import DIRECTIONS, EDGE, HALF_SECTOR, UNSEEN, SightMotion, look, time_to_contact
 from turtlebot_gym_agents.policies.yielding import Yielding
 
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.0])

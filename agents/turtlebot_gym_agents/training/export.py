@@ -7,7 +7,6 @@ written only if it acts as the library itself does, in the environment of the tr
 from __future__ import annotations
 
 import json
-import sys
 import zipfile
 from collections.abc import Mapping
 from contextlib import closing
@@ -29,7 +28,7 @@ from turtlebot_gym.files import load, replacing
 from turtlebot_gym_agents.commands.console import needs
 from turtlebot_gym_agents.flags import Text, takes
 from turtlebot_gym_agents.ids import arguments_of, brought_by
-from turtlebot_gym_agents.outputs import OutputFile, require_outputs
+from turtlebot_gym_agents.outputs import require_outputs
 from turtlebot_gym_agents.policies import PolicyWithMemory
 from turtlebot_gym_agents.policies.bundle import KEY, BundlePolicy, Card, write_bundle
 from turtlebot_gym_agents.policies.fit import parameters_of
@@ -105,7 +104,7 @@ def export(
         RuntimeError: If the actions differ by more than `TOLERANCE`.
         ImportError: If a library is missing.
     """
-    require_outputs([("--out", out, OutputFile((".onnx",)))], inputs=[model], force=force)
+    require_outputs([("--out", out, (".onnx",))], inputs=[model], force=force)
     with needs("agents"):
         from turtlebot_gym_agents.training import network
     about: dict[str, Any] = {}
@@ -183,18 +182,11 @@ def load_model(path: Path, algo: Any, *, allow_pickle: bool = False) -> Any:
         raise ValueError(f"{path} is not a model of Stable-Baselines3: {' '.join(str(error).split())}") from error
 
 
-def _is_sb3(model: Any) -> bool:
-    """Return whether an object is a model of Stable-Baselines3, which then is imported."""
-    if "stable_baselines3" not in sys.modules:
-        return False
-    from stable_baselines3.common.base_class import BaseAlgorithm
-
-    return isinstance(model, BaseAlgorithm)
-
-
 def _trained_in(model: Any) -> tuple[str | None, dict[str, Any]]:
     """Return id and options of the environment that a model was trained in, as far as it has one."""
-    venv = model.get_env() if _is_sb3(model) else None
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+    venv = model.get_env() if isinstance(model, BaseAlgorithm) else None
     try:
         spec = None if venv is None else venv.get_attr("spec")[0]
     except AttributeError:
@@ -209,6 +201,7 @@ def _converted(
     model: Any, space: spaces.Box, env: str, vec_normalize: Any, memory: int
 ) -> tuple[Any, PolicyWithMemory | None, dict[str, Any]]:
     """Return a policy as ONNX, as its library drives it (None for ONNX), and entries for the card."""
+    from stable_baselines3.common.base_class import BaseAlgorithm
     from torch import nn
 
     from turtlebot_gym_agents.training import network as library
@@ -218,7 +211,7 @@ def _converted(
         if any(entry.key == KEY for entry in model.metadata_props):
             raise ValueError("model is a policy bundle already: drive it as it is, --policy FILE.onnx.")
         return model, None, {}
-    is_sb3 = _is_sb3(model)
+    is_sb3 = isinstance(model, BaseAlgorithm)
     if not is_sb3 and not isinstance(model, nn.Module):
         raise refusal("model", "a model of Stable-Baselines3, a torch module or an ONNX model", model)
     statistics = _statistics_of(model, vec_normalize) if is_sb3 else vec_normalize

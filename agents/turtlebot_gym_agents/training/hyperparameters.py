@@ -28,7 +28,7 @@ def load(algo: str, env: str, source: Path | Mapping[str, Any] | None = None) ->
     """
     chosen: Any = source
     if not isinstance(source, Mapping):
-        path = Path(source or configs_folder() / f"{algo}.yaml")
+        path = Path(source or shipped_folder("configs") / f"{algo}.yaml")
         if not path.is_file():
             raise ValueError(f"There is no {path}: give a file of hyper-parameters for {algo!r} with --config FILE.")
         content = files.load(path)
@@ -59,11 +59,6 @@ def override(hyper: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, 
     """Return hyper-parameters of which some are replaced, and of ``policy_kwargs`` those that are given."""
     merged = {**hyper, **changes}
     return merged | {"policy_kwargs": {**hyper["policy_kwargs"], **_network(merged["policy_kwargs"])}}
-
-
-def configs_folder() -> Path:
-    """Return the folder with the configurations shipped with the package."""
-    return shipped_folder("configs")
 
 
 def arguments(hyper: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import tyro
 
 from turtlebot_gym.files import SUFFIXES
 from turtlebot_gym_agents.commands.console import progress, save_figure
-from turtlebot_gym_agents.outputs import FIGURE, JSON, OutputFile, require_outputs
+from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 from turtlebot_gym_lab.commands.recorded import TOPICS, reading
 from turtlebot_gym_lab.drives.topics import Topics
 
@@ -60,7 +60,7 @@ def calibrate(
         force: Write the noise file even if it makes the wheels worse; and overwrite files that exist.
     """
     config = {name: value for name, value in locals().items() if name != "force"}
-    outputs = ("--out", out, OutputFile(SUFFIXES)), ("--json", json, JSON), ("--plot", plot, FIGURE)
+    outputs = ("--out", out, SUFFIXES), ("--json", json, JSON), ("--plot", plot, FIGURE)
     require_outputs(outputs, inputs=[log, truth, robot], force=force)
     from turtlebot_gym import make_robot, write_parameters
     from turtlebot_gym_agents.front.results import text_of
