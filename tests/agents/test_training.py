@@ -14,7 +14,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents.evaluation.driving import judge
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, EvaluationCallback, policy_of
+from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, EvaluationCallback
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
@@ -50,7 +50,8 @@ def test_learns_and_the_best_is_what_its_figures_and_its_log_say(short):
     # 400 episodes each. If both succeeded equally often, 0.2 apart would be over 5 standard deviations: 1 in 10^6.
     judges, policy = config.make(400), BundlePolicy(folder / "policy.onnx")
     others = {"seed": EVALUATION_SEED + 400, "episodes": 400}
-    before = judge(judges, policy_of(make_model(config, config.make_training())), **others)
+    model = make_model(config, config.make_training())
+    before = judge(judges, lambda observations: model.predict(observations, deterministic=True)[0], **others)
     after = judge(judges, policy, **others)
     assert after.success.mean() > before.success.mean() + 0.2
     assert after.returns.mean() > before.returns.mean()

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 SETTINGS = ("env", *(item.name for item in fields(Options)))
 """Settings that a grid may hold: the environment's id and its options."""
-MAX_SEEDS = 1000
-"""Most seeds of a training."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +77,7 @@ class StudyGrid:
     def trainings_of(self, name: str, cell: Mapping[str, Any]) -> list[TrainingConfig]:
         """Return the configurations of a training in a cell, one per seed."""
         settings = {**self.trainings[name], **cell}
-        seeds = as_int(f"seeds of training {short_repr(name)}", settings.pop("seeds", 1), 1, MAX_SEEDS)
+        seeds = as_int(f"seeds of training {short_repr(name)}", settings.pop("seeds", 1), 1, 1000)
         if "config" in settings:
             settings["config"] = Path(settings["config"])
         return [build(TrainingConfig, {**settings, "seed": seed}, f"training {short_repr(name)}") for seed in range(seeds)]

@@ -22,7 +22,7 @@ from turtlebot_gym.config import as_int, choose
 from turtlebot_gym.drive import NOWHERE
 from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.observations import TERMS, ObservationTerm
+from turtlebot_gym.observations import TERMS
 from turtlebot_gym.observations.reading import read_items
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym_agents.evaluation import metrics
@@ -150,23 +150,18 @@ def _require_read(p: Parameters, options: Mapping[str, Any]) -> None:
         )
 
 
-def make_envs(env: str, num_envs: int, **options: Any) -> VectorEnv:
-    """Return environments whose infos hold all that is measured."""
-    given = arguments_of(options)
-    return gym.make_vec(environment_id(env), num_envs=num_envs, vectorization_mode="vector_entry_point", info="full", **given)
-
-
 @contextmanager
 def driving(
     policy: str | Policy, env: str, num_envs: int, *, allow_mismatch: bool = False, **options: Any
 ) -> Iterator[tuple[VectorEnv, Policy]]:
-    """Yield environments, and a policy that reads what they show; one given by name is made for their robot and interval.
+    """Yield environments whose infos hold all that is measured, and a policy, which is made for them if it is given by name.
 
     If the options name no observation, it has the terms that the policy reads beside those of the task. A bundle gets only
     the package's terms so: a file names no code to run.
     """
-    with closing(make_envs(env, num_envs, **options)) as envs:
-        made, terms = _made_for(policy, envs, allow_mismatch), _terms_in(envs)
+    given = {"vectorization_mode": "vector_entry_point", "info": "full", **arguments_of(options)}
+    with closing(gym.make_vec(env, num_envs=num_envs, **given)) as envs:
+        made, terms = _made_for(policy, envs, allow_mismatch), getattr(envs.unwrapped, "observation_terms", ())
         is_bundle = getattr(made, "card", None) is not None
         lacks = [term for term in terms_of(made) or () if terms and term not in terms and (term.name in TERMS or not is_bundle)]
         if not lacks or options.get("observation") is not None:
@@ -174,18 +169,14 @@ def driving(
             return
     _, items = read_items(brought_by(env).get("observation", "ekf"))
     options["observation"] = (*items, *(term.spelled for term in lacks))
-    with closing(make_envs(env, num_envs, **options)) as envs:
-        yield envs, shown(_made_for(policy, envs, allow_mismatch), name_of(policy), _terms_in(envs))
+    with driving(policy, env, num_envs, allow_mismatch=allow_mismatch, **options) as made:
+        yield made
 
 
 def require_known(env: str, seed: int) -> None:
     """Raise ValueError unless the id or short name is of this package and the seed is valid."""
     as_int("seed", seed, 0, MAX_SEED)
     choose("env", environment_id(env), {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
-
-
-def _terms_in(envs: VectorEnv) -> Sequence[ObservationTerm]:
-    return getattr(envs.unwrapped, "observation_terms", ())
 
 
 def _made_for(policy: str | Policy, envs: VectorEnv, allow_mismatch: bool) -> Policy:

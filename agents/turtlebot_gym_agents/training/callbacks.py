@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from gymnasium.vector import VectorEnv
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from turtlebot_gym.files import replacing
@@ -24,11 +23,6 @@ EVALUATION_SEED = 2**40
 """First seed of the evaluation's episodes, far from typical user seeds and those of trainings."""
 INTERIM = 100
 """Most episodes of an evaluation before the end of a training."""
-
-
-def policy_of(model: BaseAlgorithm) -> Policy:
-    """Return a model's deterministic policy."""
-    return lambda observations: model.predict(observations, deterministic=True)[0]
 
 
 class EvaluationCallback(BaseCallback):
@@ -99,7 +93,8 @@ class EvaluationCallback(BaseCallback):
         self.stopped = not self._go_on(reached)
 
     def _judge(self, episodes: int) -> tuple[Judged, dict[str, float]]:
-        judged = judge(self._envs, policy_of(self.model), seed=EVALUATION_SEED, episodes=min(episodes, self._episodes))
+        policy: Policy = lambda observations: self.model.predict(observations, deterministic=True)[0]  # noqa: E731
+        judged = judge(self._envs, policy, seed=EVALUATION_SEED, episodes=min(episodes, self._episodes))
         return judged, {"steps": float(self.model.num_timesteps), **judged.figures()}
 
     @contextmanager

@@ -125,14 +125,8 @@ class TrainingConfig(Options):
 
     def make(self, num_envs: int, **more: Any) -> VectorEnv:
         """Return environments to evaluate in, with more arguments."""
-        return gym.make_vec(
-            self.env,
-            num_envs=num_envs,
-            vectorization_mode="vector_entry_point",
-            autoreset_mode=AutoresetMode.SAME_STEP,
-            **arguments_of(self.options),
-            **more,
-        )
+        modes = {"vectorization_mode": "vector_entry_point", "autoreset_mode": AutoresetMode.SAME_STEP}
+        return gym.make_vec(self.env, num_envs=num_envs, **modes, **arguments_of(self.options), **more)
 
     def make_judging(self) -> VectorEnv:
         """Return environments that drive the episodes of an evaluation in turn; those of other packages, a row for each."""
