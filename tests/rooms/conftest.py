@@ -5,7 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from compiled_rooms import draw_compiled
 
+from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.compiled.program import compiled
 from turtlebot_gym.rooms.drawing import capacity
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
@@ -23,6 +25,18 @@ def empty_scene() -> Callable[..., Scene]:
         length, width = 2.0 * rules.half_length, 2.0 * rules.half_width
         sizes = {"circles": circles, "boxes": boxes, "length": length, "width": width, "beams": beams}
         return scene_at(make_scenes(1, **sizes, people=circles), 0)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def drawn_room(empty_scene) -> Callable[..., Scene]:
+    """Return a function that draws a room by its name and a key."""
+
+    def make(name: str, key: int) -> Scene:
+        scene = empty_scene(name)
+        draw_compiled(scene, as_tuple(ROOMS[name]), 0.105, key)
+        return scene
 
     return make
 

@@ -17,7 +17,7 @@ from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, SIGHT, Lidar, age_of_scan, aim, beams_by, bias_of, reading, time_of_beam
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scan import mounted
-from turtlebot_gym.rooms.scene import Walls, scene_at
+from turtlebot_gym.rooms.scene import Walls
 from turtlebot_gym.rooms.sectors import NEAR, divide, leave_out_blind, pool
 from turtlebot_gym.rooms.sensing import measure
 from turtlebot_gym.systems import make_parameters, make_room, system_of
@@ -185,20 +185,11 @@ def parameters():
     return p._replace(reward=default_weights(IN_ROOMS), room=make_room(HALL, LIDARS["ideal"], p.dt))
 
 
-def test_robots_with_the_same_lidar_share_its_beams(parameters):
-    for names, shared in ((("ideal", "ideal"), True), (("ideal", "lds02"), False)):
-        rows = [parameters._replace(room=make_room(HALL, LIDARS[name], parameters.dt)) for name in names]
-        scenes = Batch(2, rows, [GOAL], plan=HALL).scenes
-        first, second = (scene_at(scenes, row).lidar.beams for row in range(2))
-        assert np.shares_memory(first, second) is shared
-
-
-@pytest.mark.nightly
 def test_a_filter_that_reads_the_scan_is_the_same_compiled_and_in_plain_python(parameters, in_step):
     by_scan = system_of(parameters)._replace(estimate=estimate_by_the_wall_ahead, reads_scan=True)
     batch = Batch(35, parameters, (GOAL,), system=by_scan, plan=HALL)
     plain = {i: Episode(parameters, seed=i, system=by_scan, plan=HALL) for i in (0, 33)}
-    reached = sum(outcomes[5].sum() for outcomes in in_step(batch, plain, [0.8, -0.1], [1.2, 0.1], 120))
+    reached = sum(outcomes[5].sum() for outcomes in in_step(batch, plain, [0.8, -0.1], [1.2, 0.1], 100))
     assert reached > 0, "no goal was reached: the test saw too little"
 
 

@@ -104,9 +104,9 @@ PILLARS = [(1.5, 0.8, 0.15), (-1.2, 1.0, 0.1), (0.4, -1.4, 0.25), (2.4, -2.0, 0.
         (lambda time: PILLARS, 0.2, -0.7),
         (lambda time: [(1.0 + 0.1 * math.sin(3.0 * time), 0.8, 0.06)], 0.0, 0.0),
     ],
-    ids=["stands", "stands, turning", "stands, on an arc", "to and fro"],
+    ids=["stands", "stands, turning", "stands, on an arc", "back and forth"],
 )
-def test_what_stands_or_only_moves_to_and_fro_is_no_track(things, v, omega):
+def test_what_stands_or_only_moves_back_and_forth_is_no_track(things, v, omega):
     assert not any(rows_of(memory).size for _, memory, _ in drive(things, 8.0, v=v, omega=omega))
 
 
