@@ -16,7 +16,7 @@ from turtlebot_gym.localization.tuning import ROBOT, LocalizerTuning
 from turtlebot_gym.values import STOP, Pose
 
 Q = LocalizerTuning()
-POSES = HERE, THERE, _, _ = (1.7, 2.1, 0.4), (4.6, 0.8, -2.9), (1.0, 3.9, 1.6), (4.0, 3.0, 3.1)
+HERE, THERE = (1.7, 2.1, 0.4), (4.6, 0.8, -2.9)
 slow_in_plain = pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python")
 CLOSE, REST, NO_DRIFT = (1e-4, 1e-4, 1e-4), Pose(0.0, 0.0, 0.0), (0.0, 0.0)
 
@@ -207,9 +207,7 @@ def looks(located, room, points, times, bank):
     return located
 
 
-@pytest.mark.sample(3)
-@pytest.mark.parametrize("pose", POSES)
-@pytest.mark.parametrize("yaw", [0.0, 1.0])
+@pytest.mark.parametrize(("pose", "yaw"), [(HERE, 0.0), (THERE, 1.0), ((1.0, 3.9, 1.6), 1.0)])
 def test_an_unknown_start_is_found(pose, yaw):
     c, s = math.cos(yaw), math.sin(yaw)
     assert state_of(nowhere(Q), Q) == LOST
@@ -221,8 +219,7 @@ def test_an_unknown_start_is_found(pose, yaw):
     assert located.weight == 1.0
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize(("usually", "now", "doubts"), [(0, 0, False), (0, 4, True), (4, 4, False), (4, 24, True)])
+@pytest.mark.parametrize(("usually", "now", "doubts"), [(0, 4, True), (4, 4, False)])
 def test_more_misfits_than_usual_put_the_place_in_doubt(room, usually, now, doubts):
     """Of 40 beams so many end short, at what is not on the map; the first doubt of these is confirmed to be none."""
     bank, counts, points, located = empty(), [], scan_of(room, HERE), locate(Pose(*HERE), CLOSE, Q)

@@ -41,7 +41,7 @@ def drawn_room(empty_scene) -> Callable[..., Scene]:
     return make
 
 
-def _cast_all(scene, x, y, dx, dy, lengths, reach, sweep=np.inf, drift=0.0):
+def _cast_all(scene, x, y, dx, dy, lengths, reach, sweep, drift):
     rays = np.empty(ROOM)
     for first in range(0, len(lengths), BLOCK):
         n = min(BLOCK, len(lengths) - first)
@@ -53,20 +53,10 @@ def _cast_all(scene, x, y, dx, dy, lengths, reach, sweep=np.inf, drift=0.0):
 
 
 @pytest.fixture(scope="session")
-def cast_plain() -> Callable[..., None]:
-    """Return a function that casts any number of rays, in plain Python."""
-    return _cast_all
-
-
-@pytest.fixture(scope="session")
 def cast_all() -> Callable[..., None]:
-    """Return the same function, compiled for one list of types: arguments that a call leaves out would make another one."""
+    """Return a function that casts any number of rays, compiled for one list of types."""
     function = compiled(_cast_all, "rays in tests")
-
-    def cast_each(scene, x, y, dx, dy, lengths, reach, sweep=np.inf, drift=0.0):
-        function(scene, x, y, dx, dy, lengths, reach, sweep, drift)
-
-    return cast_each
+    return lambda *rays, sweep=np.inf, drift=0.0: function(*rays, sweep, drift)
 
 
 HALL = np.full((60, 80), 254, np.uint8)

@@ -17,51 +17,32 @@ def read(ranges, *, range_min=0.12, range_max=3.5):
     return beams_of(ranges, first=0.0, increment=2.0 * math.pi / len(ranges), range_min=range_min, range_max=range_max)
 
 
-REAL = {
-    "LDS-01": (0.12, 3.5),
-    "LDS-02": (0.0, 100.0),
-    "RPLIDAR A1": (0.15, 12.0),
-    "RPLIDAR S2": (0.05, 30.0),
-    "Hokuyo URG-04LX": (0.02, 5.6),
-    "Hokuyo UTM-30LX": (0.023, 60.0),
-    "SICK LMS1xx": (0.5, 20.0),
-    "SICK LMS5xx": (0.0, 80.0),
-    "Velodyne, flattened": (0.9, 131.0),
-    "pointcloud_to_laserscan": (0.45, math.inf),
-    "without a limit": (0.0, float(np.finfo(np.float32).max)),
-}
+REAL = [(0.12, 3.5), (0.0, 100.0), (0.15, 12.0), (0.05, 30.0), (0.02, 5.6), (0.5, 20.0), (0.0, 80.0), (0.9, 131.0)]
+"""Limits of LDS-01 and 02, RPLIDAR A1 and S2, Hokuyo URG-04LX, SICK LMS1xx and 5xx, and of a flattened Velodyne, m."""
+FORMAL = [(0.45, math.inf), (0.0, float(np.finfo(np.float32).max))]
+"""Limits that say there is none."""
+UNITS = {"mm": 1000.0, "cm": 100.0, "inches": 39.37}
 
 
-@pytest.mark.parametrize("name", REAL)
+@pytest.mark.parametrize("limits", REAL + FORMAL)
 @pytest.mark.parametrize("ranges", [ROOM, HALL], ids=["room", "hall"])
-def test_scans_of_real_lidars_are_read(name, ranges):
-    least, most = REAL[name]
+def test_scans_of_real_lidars_are_read(limits, ranges):
+    least, most = limits
     lost = np.where(ranges > most, 0.0, ranges)
     for sent in (lost, np.where(ranges > most, np.inf, ranges), np.where(AROUND < 1.0, 65.533, lost)):
         read(sent, range_min=least, range_max=most)
 
 
-@pytest.mark.parametrize(
-    ("unit", "per_m", "limits"),
-    [
-        ("mm", 1000.0, [(0.12, 3.5), (0.12, 8.0), (0.15, 12.0), (0.0, 8.0)]),
-        ("cm", 100.0, [(0.12, 3.5), (0.12, 8.0), (0.15, 12.0), (0.0, 8.0)]),
-        ("inches", 39.37, [(0.12, 3.5), (0.12, 8.0), (0.15, 12.0)]),
-    ],
-)
-def test_limits_in_another_unit_are_refused_with_the_unit(unit, per_m, limits):
-    for least, most in limits:
-        with pytest.raises(ValueError, match=f"no LiDAR measures .*range_max in {unit}\\?"):
-            read(per_m * ROOM, range_min=per_m * least, range_max=per_m * most)
-
-
-@pytest.mark.parametrize("per_m", [1000.0, 100.0, 39.37])
-@pytest.mark.parametrize("limits", [(0.12, 3.5), (0.12, 8.0), (0.15, 12.0), (0.0, 8.0)])
-@pytest.mark.parametrize("ranges", [ROOM, HALL, 0.3 * ROOM], ids=["room", "hall", "box"])
-def test_ranges_in_another_unit_than_the_limits_are_refused(per_m, limits, ranges):
-    for sent in (per_m * ranges, np.where(AROUND < 3.0, 0.0, per_m * ranges), np.where(AROUND < 3.0, np.inf, per_m * ranges)):
-        with pytest.raises(ValueError, match=r"are they in mm, cm or inches\?"):
-            read(sent, range_min=limits[0], range_max=limits[1])
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("limits", [(0.12, 3.5), (0.12, 8.0), (0.15, 12.0)])
+def test_scans_in_another_unit_are_refused_in_their_limits_or_ranges(unit, limits):
+    (least, most), per_m = limits, UNITS[unit]
+    with pytest.raises(ValueError, match=f"no LiDAR measures .*range_max in {unit}\\?"):
+        read(per_m * ROOM, range_min=per_m * least, range_max=per_m * most)
+    for ranges in (per_m * ROOM, per_m * HALL, per_m * 0.3 * ROOM):
+        for sent in (ranges, np.where(AROUND < 3.0, 0.0, ranges), np.where(AROUND < 3.0, np.inf, ranges)):
+            with pytest.raises(ValueError, match=r"are they in mm, cm or inches\?"):
+                read(sent, range_min=least, range_max=most)
 
 
 @pytest.mark.parametrize("most", [100.0, math.inf])

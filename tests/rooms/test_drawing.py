@@ -10,7 +10,6 @@ from compiled_rooms import draw_compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.models.random import episode_key
-from turtlebot_gym.rooms import drawing
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
@@ -18,11 +17,10 @@ from turtlebot_gym.rooms.scene import arrays_of
 from turtlebot_gym.rooms.sensing import clearance
 
 
-@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", ROOMS)
-def test_a_way_leads_through_each_of_500_rooms(empty_scene, name):
+def test_a_way_leads_through_each_room(empty_scene, name):
     rules, counts, rooms = ROOMS[name], [], set()
-    for number in range(500):
+    for number in range(200):
         scene = empty_scene(rules)
         start, goal = draw_compiled(scene, as_tuple(rules), 0.105, episode_key(number, 0))
         straight = math.hypot(goal.x - start.x, goal.y - start.y)
@@ -39,7 +37,7 @@ def test_a_way_leads_through_each_of_500_rooms(empty_scene, name):
         counts.append(scene.room.counts.tolist())
         rooms.add(scene.room.circles.tobytes() + scene.room.boxes.tobytes())
     circles, boxes = np.array(counts).T
-    assert len(rooms) == 500
+    assert len(rooms) == 200
     assert (circles.max() <= capacity(rules)[0], boxes.max() <= capacity(rules)[1]) == (True, True)
     if name in ("clutter", "crowd", "corridor"):
         assert {circles.min(), circles.max()} == set(map(int, rules.circles))
@@ -56,22 +54,9 @@ def test_a_room_that_cannot_be_passed_loses_what_stands_in_it(empty_scene):
     assert way_left(scene, start.x, start.y) >= 1.3
 
 
-CHANGES = {
-    "kind": 2.0,
-    "half_length": 3.0,
-    "half_width": 3.0,
-    "circles": (5.0, 6.0),
-    "boxes": (3.0, 4.0),
-    "radius": (0.2, 0.25),
-    "total": 2.0,
-    "speed": (0.3, 0.4),
-    "people": True,
-    "through": True,
-    "min_distance": 3.5,
-    "max_distance": 2.0,
-    "start": (0.0, 0.0, 0.0),
-    "goal": (0.0, 0.0, 0.0),
-}
+PAIRS = {"circles": (5.0, 6.0), "boxes": (3.0, 4.0), "radius": (0.2, 0.25), "speed": (0.3, 0.4)}
+CHANGES = PAIRS | {"kind": 2.0, "half_length": 3.0, "half_width": 3.0, "total": 2.0, "people": True, "through": True}
+CHANGES |= {"min_distance": 3.5, "max_distance": 2.0, "start": (0.0, 0.0, 0.0), "goal": (0.0, 0.0, 0.0)}
 
 
 def test_each_rule_changes_the_room_or_where_the_robot_starts(empty_scene):
@@ -115,29 +100,3 @@ def test_looking_ahead_leaves_walkers_where_they_were_drawn(empty_scene):
         for now, then in zip(*map(arrays_of, scenes), strict=True):
             assert starts[0] != starts[1] or np.array_equal(now, then)
     assert same >= 30
-
-
-def test_static_obstacles_are_spread_evenly_over_a_room(empty_scene):
-    """Obstacles of 300 rooms: from wall to wall along both axes, and as large as the rules say."""
-    scene, circles, boxes = empty_scene("dense"), [], []
-    for key in range(300):
-        drawing._furnish(scene, ROOMS["dense"], episode_key(key, 0), 0)
-        circles += scene.room.circles[: scene.room.counts[0], :3].tolist()
-        boxes += scene.room.boxes[: scene.room.counts[1]].tolist()
-    for places, about in ((np.array(circles)[:, :2], 0.1), (np.array(boxes)[:, :2], 0.2)):
-        assert np.abs(places).max() <= 2.5
-        for end, expected in ((np.min, -2.5), (np.max, 2.5)):
-            np.testing.assert_allclose(end(places, axis=0), expected, atol=0.1)
-        np.testing.assert_allclose(places.mean(axis=0), 0.0, atol=about)
-        np.testing.assert_allclose(places.std(axis=0), 5.0 / math.sqrt(12.0), atol=about)
-    for sizes in (np.array(circles)[:, 2], np.array(boxes)[:, 2], np.array(boxes)[:, 3]):
-        assert (sizes.min(), sizes.max(), sizes.mean()) == pytest.approx((0.1, 0.3, 0.2), abs=0.01)
-
-
-def test_a_quarter_of_the_doors_of_an_office_is_walled_up(empty_scene):
-    """Three by two rooms have seven doors; one that is open parts its wall in two."""
-    scene = empty_scene("office")
-    scene.room.walls[:] = 0.0, 0.0, 3.75, 2.5
-    open_doors = [drawing._partition(scene, episode_key(key, 0), 0) - 7 for key in range(1000)]
-    assert (min(open_doors) >= 1, max(open_doors)) == (True, 7)
-    assert np.mean(open_doors) / 7.0 == pytest.approx(0.75, abs=0.02)

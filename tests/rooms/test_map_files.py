@@ -1,7 +1,6 @@
 """Files of maps, read cell by cell as ``map_server`` reads them; what is wrong with one is one clear line."""
 
 import shutil
-from contextlib import nullcontext
 
 import gymnasium as gym
 import numpy as np
@@ -32,8 +31,9 @@ CHANNELS = [[[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 0], [128, 128
         (CHANNELS, {"image": "map.png", "mode": "scale"}, [[100, 0, -1, round((127 / 255 - 0.196) / 0.454 * 100)]]),
         # Of 255: 128 is an occupancy of 0.498, a little less than the 0.5 of the threshold; 127 is 0.502, 64 is 0.749.
         ([[0, 127, 128, 64, 63, 255]], {"occupied_thresh": 0.5, "free_thresh": 0.5}, [[100, 100, 0, 100, 100, 0]]),
+        # At a threshold: unknown.
+        ([[255, 0, 200, 0]], {"occupied_thresh": 1.0, "free_thresh": 0.1, "negate": 1}, [[-1, 0, -1, 0]]),
     ],
-    ids=["mapper", "letters", "16 bits", "colours", "transparent", "scale", "thresholds"],
 )
 def test_a_map_is_read_cell_by_cell(tmp_path, write_map, pixels, given, cells):
     pixels = pixels if isinstance(pixels, str) else np.array(pixels, np.uint8)
@@ -42,28 +42,17 @@ def test_a_map_is_read_cell_by_cell(tmp_path, write_map, pixels, given, cells):
     assert (grid.resolution, grid.origin) == (0.1, Pose(-1.0, 2.0, 0.5))
 
 
-NUMBER, CANNOT = "of the map .* must be a positive number .*, got ", "image .*map.pgm' cannot be read"
-EXACT = {"pixels": np.array([[255, 0, 200]], np.uint8), "occupied_thresh": 1.0, "free_thresh": 0.0, "negate": 1}
-"""Pixels at the thresholds, which are unknown."""
-
-
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        *(({"resolution": bad}, f"resolution {NUMBER}{bad!r}") for bad in (0, "fine")),
-        (
-            {"occupied_thresh": 0.2, "free_thresh": 0.6},
-            "free_thresh of the map .* must be at most occupied_thresh, got 0.6 and 0.2",
-        ),
+        ({"resolution": "fine"}, "resolution of the map .* must be a positive number .*, got 'fine'"),
+        ({"occupied_thresh": 0.2, "free_thresh": 0.6}, "free_thresh of the map .* must be at most occupied_thresh"),
         ({"occupied_thresh": 65}, "occupied_thresh of the map .* must be a probability"),
         ({"negate": 2}, "negate of the map .* must be 0 or 1, got 2"),
-        ({"mode": "colour"}, "mode of the map .* must be one of 'trinary', 'scale', got 'colour'"),
-        ({"origin": [0.0, 1.0]}, "origin of the map .* must be 3 numbers"),
         ({"origin": [1e16, 0.0, 0.0]}, r"origin of the map .*\[0\] must be a number from .*, got 10000000000000000"),
         ({"free_thresh": None, "negate": None}, "must state negate, free_thresh"),
         ({"pixels": np.zeros((3, 4), np.uint8)}, "must hold a free cell; of 12 there is none"),
-        (EXACT, "must hold a free cell; of 3 there is none"),
-        *(({"pixels": text}, CANNOT) for text in ("no image at all", "P5\n80 60\n255\nfew")),
+        ({"pixels": "P5\n80 60\n255\nfew"}, "image .*map.pgm' cannot be read"),
     ],
 )
 def test_an_invalid_map_is_refused_in_one_line(tmp_path, write_map, given, message):
@@ -76,9 +65,7 @@ def test_an_invalid_map_is_refused_in_one_line(tmp_path, write_map, given, messa
     ("image", "mode", "given", "is_said"),
     [
         ("map.pgm", "L", {}, True),
-        ("map.png", "RGB", {}, True),
         ("map.png", "RGBA", {"free_thresh": 0.196}, True),  # Nav2 averages the alpha channel, so that greys are lighter
-        ("map.png", "P", {}, True),
         ("map.jpg", "L", {"free_thresh": 0.2}, True),
         ("map.png", "L", {"negate": 1}, True),
         ("map.pgm", "L", {"free_thresh": 0.196}, False),
@@ -92,12 +79,14 @@ def test_unexplored_cells_that_thresholds_make_free_are_unknown_and_said(tmp_pat
     path = write_map(tmp_path, pixels, **{"image": "map.pgm", "free_thresh": 0.25} | given)
     Image.fromarray(pixels).convert(mode).save(tmp_path / image, **({"quality": 90} if image.endswith("jpg") else {}))
     path.write_text(path.read_text().replace("map.pgm", image))
-    said = pytest.warns(UserWarning, match="^map.yaml: free_thresh .* makes unexplored .* unknown for Nav2")
-    with said if is_said else nullcontext():
+    if not is_said:
+        read_map(path)  # a warning would be an error
+        return
+    with pytest.warns(UserWarning, match="^map.yaml: free_thresh .* makes unexplored .* unknown for Nav2"):
         grid = read_map(path).map
-    assert not is_said or (grid.cells[:, 40:] == UNKNOWN).all()
-    assert not is_said or (grid.cells[:, :32] == FREE).all()
-    assert not is_said or np.isnan(grid.field()[:, 60:]).all()  # where a lost robot is not searched for
+    assert (grid.cells[:, 40:] == UNKNOWN).all()
+    assert (grid.cells[:, :32] == FREE).all()
+    assert np.isnan(grid.field()[:, 60:]).all()  # where a lost robot is not searched for
 
 
 def test_missing_files_are_named(tmp_path, hall):
@@ -106,10 +95,9 @@ def test_missing_files_are_named(tmp_path, hall):
     shutil.move(hall.parent / "map.pgm", hall.parent / "other.pgm")
     with pytest.raises(ValueError, match=r"There is no image .*map.pgm' for the map"):
         find_world(hall)
-    for text in ("just words", "image: [", "- 1\n- 2"):
-        (tmp_path / "bad.yaml").write_text(text)
-        with pytest.raises(ValueError, match=r"bad.yaml' is not a map"):
-            find_world(tmp_path / "bad.yaml")
+    (tmp_path / "bad.yaml").write_text("just words")
+    with pytest.raises(ValueError, match=r"bad.yaml' is not a map"):
+        find_world(tmp_path / "bad.yaml")
 
 
 def test_an_image_of_too_many_pixels_is_refused_before_it_is_unpacked(tmp_path, write_map):

@@ -1,7 +1,6 @@
 """Maps: their rays and distances against shapely and brute force, and drives on them."""
 
 import math
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -58,7 +57,7 @@ GRIDS = [
     GridMap(cells=cellular(1), resolution=0.047, origin=Pose(0.013, -0.021, 0.0)),
     GridMap(cells=cellular(2), resolution=0.1, origin=Pose(-3.0, 1.0, 0.6)),
     GridMap(cells=cellular(3, 40, 40, 0.36), resolution=0.07, origin=Pose(0.3, -2.0, -2.2)),
-    GridMap(cells=cellular(4, 200, 290, 0.3), resolution=0.02, origin=Pose(1.0, 1.0, math.pi / 2.0)),  # squares beyond 127
+    GridMap(cells=cellular(4, 150, 170, 0.3), resolution=0.02, origin=Pose(1.0, 1.0, math.pi / 2.0)),  # squares beyond 127
 ]
 
 
@@ -80,17 +79,15 @@ def points_on(grid, number, seed):
     return x + grid.resolution * (cosine * along - sine * across), y + grid.resolution * (sine * along + cosine * across)
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("at", range(len(GRIDS)))
-def test_rays_on_each_map_agree_with_shapely(at, cast_all):
+@pytest.mark.parametrize(("at", "grid"), [*enumerate(GRIDS)])
+def test_rays_on_each_map_agree_with_shapely(at, grid, cast_all):
     """At random, along the rows, and a hair beside the corners of cells."""
-    grid = GRIDS[at]
     solid, outline = boxes_of(grid)
     surfaces = shapely.union(solid.boundary, outline.exterior)
     shapely.prepare(surfaces)
     scene = FloorPlan(walls=grid.walls(), map=grid).scene()
     edges, random = shapely.get_coordinates(solid), np.random.default_rng(at)
-    for x, y in zip(*points_on(grid, 12, at), strict=True):
+    for x, y in zip(*points_on(grid, 6, at), strict=True):
         angles = random.uniform(-math.pi, math.pi, 200)
         angles[:4] = grid.origin[2] + np.array([0.0, 0.5, 1.0, 1.5]) * math.pi
         beside = edges[random.integers(len(edges), size=10)]
@@ -103,9 +100,8 @@ def test_rays_on_each_map_agree_with_shapely(at, cast_all):
         np.testing.assert_allclose(distances, shapely.distance(shapely.Point(x, y), met), atol=1e-9)
 
 
-@pytest.mark.parametrize("at", range(len(GRIDS)))
-def test_clearance_agrees_with_shapely(at):
-    grid = GRIDS[at]
+@pytest.mark.parametrize(("at", "grid"), [*enumerate(GRIDS)])
+def test_clearance_agrees_with_shapely(at, grid):
     solid, outline = boxes_of(grid)
     scene = FloorPlan(walls=grid.walls(), map=grid).scene()
     for x, y in zip(*points_on(grid, 300, at), strict=True):
@@ -117,23 +113,6 @@ def test_clearance_agrees_with_shapely(at):
     for x, y in inside:
         point = shapely.Point(x, y)
         assert (clearance_compiled(scene, x, y) <= 0.0) == (solid.covers(point) or not outline.covers(point))
-
-
-@pytest.mark.parametrize("at", range(len(GRIDS)))
-def test_plain_python_finds_the_same_bits(at, cast_all, cast_plain):
-    grid = GRIDS[at]
-    compiled, plain = (FloorPlan(walls=grid.walls(), map=grid).scene() for _ in range(2))
-    x, y = points_on(grid, 200, at)
-    angles = np.random.default_rng(at).uniform(-math.pi, math.pi, 200)
-    angles[:4] = 0.0, math.pi / 2.0, math.pi, -math.pi / 2.0
-    actual, expected = np.empty(200), np.empty(200)
-    for reach in (0.3, 99.0):
-        cast_all(compiled, x, y, np.cos(angles), np.sin(angles), actual, reach)
-        cast_plain(plain, x, y, np.cos(angles), np.sin(angles), expected, reach)
-        np.testing.assert_array_equal(actual, expected)
-    assert [clearance_compiled(compiled, a, b) for a, b in zip(x, y, strict=True)] == [
-        sensing.clearance(plain, a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)
-    ]
 
 
 def test_a_ray_around_a_corner_ends_everywhere(cast_all):
@@ -180,7 +159,6 @@ def test_starts_and_goals_are_in_known_free_ground_and_not_far_apart(hall):
     assert len(places) > 70
 
 
-@pytest.mark.sample(2)
 @pytest.mark.parametrize("draw", range(6))
 def test_cells_of_the_path_grid_keep_clear_of_the_map_and_stay_on_known_ground(draw):
     chance = np.random.default_rng(draw)
@@ -203,10 +181,7 @@ def test_cells_of_the_path_grid_keep_clear_of_the_map_and_stay_on_known_ground(d
         assert geodesic.is_free(scenes[0], x, y) == free
 
 
-def test_a_map_that_is_too_large_is_refused_before_anything_is_computed():
-    """The data are not even looked at: they need not exist."""
+def test_a_map_that_is_too_large_is_refused_before_its_data_are_looked_at():
     info = SimpleNamespace(width=8000, height=8000, resolution=0.05, origin=SimpleNamespace(position=None, orientation=None))
-    began = time.process_time()
     with pytest.raises(ValueError, match="the map has 64,000,000 cells, more than 30,000,000: save it at a coarser"):
         grid_of(SimpleNamespace(info=info, data=None))
-    assert time.process_time() - began < 0.1

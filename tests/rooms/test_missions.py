@@ -23,7 +23,6 @@ def mission(**options):
     return p, waypoints
 
 
-@pytest.mark.nightly
 def test_missions_are_the_same_compiled_and_in_plain_python(in_step):
     p, waypoints = mission()
     batch = Batch(35, p, waypoints)

@@ -10,7 +10,6 @@ from gymnasium.error import ResetNeeded
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.rooms.scan import obstacles_of
-from turtlebot_gym.rooms.worlds import find_lidar, find_world
 from turtlebot_gym.values import Pose
 
 ID = "turtlebot_gym/TurtleBotRooms-v0"
@@ -22,7 +21,7 @@ def make(**options):
 
 
 def vector(n=3, **options):
-    return gym.make_vec(ID, num_envs=n, **{"lidar": "ideal", "info": "full"} | options)
+    return gym.make_vec(ID, num_envs=n, lidar="ideal", info="full", **options)
 
 
 def test_a_plan_is_written_into_a_scene_whose_obstacles_are_seen_from_above():
@@ -88,11 +87,9 @@ def test_another_world_is_as_if_the_environment_were_made_with_it_and_holds_for_
     ("options", "message"),
     [
         ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'world', 'start', 'goal', got 'starts'"),
-        ({"start": (0.0,)}, "start must be x, y and perhaps a heading"),
-        *(({"goal": goal}, "goal") for goal in ((0.0, 0.0, math.nan), "door", np.zeros((3, 3)), {0, 1, 2}, [1j, 0, 0])),
-        *(({"start": start}, "start must be in the room, got Pose") for start in ((9.0, 0.0, 0.0), (0.0, 2.6, 0.0))),
-        ({"world": HALL, "start": (0.3, 0.0, 0.0)}, "FloorPlan.start must be in the room and in no obstacle"),
-        ({"world": HALL, "goal": (0.0, 9.0, 0.0)}, "FloorPlan.goal must be in the room and in no obstacle"),
+        ({"goal": (0.0, 0.0, math.nan)}, "goal"),
+        ({"start": (9.0, 0.0, 0.0)}, "start must be in the room, got Pose"),
+        ({"world": HALL, "goal": (0.0, 0.4, 0.0)}, "FloorPlan.goal must be in the room and in no obstacle"),
         ({"world": HALL, "goal": (0.0, 0.55, 0.0)}, "No way leads from start to goal for a robot of radius 0.105 m"),
         ({"world": "attic"}, "world must be one of 'clutter'"),
     ],
@@ -116,25 +113,20 @@ def test_a_room_in_which_no_way_leads_to_the_goal_is_refused_at_each_reset(maker
             env.unwrapped.step(np.zeros(env.action_space.shape, np.float32))
 
 
-CUT = {"walls": (0.0, 0.0, 2.0, 2.0), "boxes": ((0.0, 0.0, 0.1, 4.0),), "start": (-1.0, 0.0, 0.0), "goal": (1.0, 0.0, 0.0)}
-FULL = {"walls": (0.0, 0.0, 0.3, 0.3), "boxes": ((0.0, 0.0, 0.4, 0.4),)}
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"walls": (0.0, 0.0, 0.0, 1.0)}, "FloorPlan.walls must be around a room"),
-        ({"walls": (0.0, 0.0, math.nan, 1.0)}, r"FloorPlan.walls\[2\] must be a number from .*, got nan"),
         ({"walls": (0.0, 0.0, 301.0, 300.0), "goal": (0.0, 0.0, 0.0)}, "A room must have at most 30,000,000 cells of 0.1 m"),
-        ({"map": "x"}, "FloorPlan.map must be a GridMap or None, got 'x'"),
-        ({"circles": 1.0}, "FloorPlan.circles must be a sequence, got 1.0"),
-        *(({"circles": (circle,)}, r"FloorPlan.circles\[0\].* must be .* number") for circle in ((None, 0.0, 1.0), (0.0, 0.0))),
+        ({"circles": ((None, 0.0, 1.0),)}, r"FloorPlan.circles\[0\].* must be .* number"),
         ({"circles": ((0.0, 0.0, -1.0),)}, r"FloorPlan.circles\[0\] must be 3 or 5 numbers with positive extents"),
         ({"boxes": ((0.0, 0.0, 1.0, 0.0),)}, r"FloorPlan.boxes\[0\] must be 4 or 5 numbers with positive extents"),
         ({"start": (5.0, 0.0, 0.0)}, "FloorPlan.start must be in the room and in no obstacle"),
-        ({"goal": (1.0, 1.0, 0.0), "circles": ((1.1, 1.0, 0.2),)}, "FloorPlan.goal must be in the room and in no obstacle"),
-        (CUT, "The floor plan has no way from its start to its goal for a robot of radius"),
-        (FULL, "The floor plan has no way between the places that were drawn"),
+        (
+            {"boxes": ((0.0, 0.0, 0.1, 4.0),), "start": (-1.0, 0.0, 0.0), "goal": (1.0, 0.0, 0.0)},
+            "has no way from its start",
+        ),
+        ({"boxes": ((0.0, 0.0, 3.9, 3.9),)}, "The floor plan has no way between the places that were drawn"),
     ],
 )
 def test_an_invalid_plan_is_refused_before_anything_is_driven(changes, message):
@@ -142,17 +134,13 @@ def test_an_invalid_plan_is_refused_before_anything_is_driven(changes, message):
         make(world=FloorPlan(**{"walls": (0.0, 0.0, 2.0, 2.0)} | changes))
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda: find_world("denser"), r"world must be one of 'clutter', .*\(.world, .*, got 'denser'. Did you mean 'dense'"),
-        (lambda: find_world("nowhere.world"), "There is no Gazebo world 'nowhere.world'"),
-        (lambda: find_lidar("lds03"), "lidar must be one of 'lds01', .*'ideal', got 'lds03'"),
-        (lambda: make(dt=0.2), r"Lidar\.rate must be at most one scan in a control interval of 0\.2 s, got 10 Hz"),
-        (lambda: RoomRules(circles=(0.0, 385.0)), "RoomRules.circles must be a least and a greatest whole number, at most 384"),
-        (lambda: RoomRules(boxes=(81.0, 81.0)), "RoomRules.boxes must be a least and a greatest whole number, at most 80"),
-    ],
-)
-def test_worlds_and_lidars_that_do_not_exist_or_fit_are_refused(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()
+def test_a_lidar_that_is_too_fast_for_the_control_interval_is_refused():
+    with pytest.raises(ValueError, match=r"Lidar\.rate must be at most one scan in a control interval of 0\.2 s, got 10 Hz"):
+        make(dt=0.2)
+
+
+@pytest.mark.parametrize(("name", "most"), [("circles", 384.0), ("boxes", 80.0)])
+def test_a_room_has_no_more_obstacles_than_a_scene_may_hold(name, most):
+    RoomRules(**{name: (0.0, most)})
+    with pytest.raises(ValueError, match=f"RoomRules.{name} must be .* at most {most:.0f}"):
+        RoomRules(**{name: (0.0, most + 1.0)})

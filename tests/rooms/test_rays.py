@@ -106,7 +106,7 @@ def test_leaving_out_obstacles_changes_no_bit(drawn_room, cast_all, beams):
         x, y = random.uniform(-2.0, 2.0, (2, 1)) + random.uniform(-3e-4, 3e-4, (2, 1)) * np.arange(100)
         every, needed = np.empty(100), np.empty(100)
         cast_all(scene, x, y, np.cos(angles), np.sin(angles), every, 99.0)
-        cast_all(scene, x, y, np.cos(angles), np.sin(angles), needed, 99.0, sweep, 6e-4)
+        cast_all(scene, x, y, np.cos(angles), np.sin(angles), needed, 99.0, sweep=sweep, drift=6e-4)
         np.testing.assert_array_equal(needed, every)
 
 

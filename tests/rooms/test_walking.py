@@ -23,12 +23,15 @@ def step(scene, robot=FAR, *, before=None, rules=ROOMS["crowd"]):
     walk(scene, before or robot, robot, RADIUS, rules, DT)
 
 
+def walker(scene, walls, circle):
+    """Leave one circle in a room of some walls."""
+    scene.room.walls[:], scene.room.counts[:], scene.room.circles[0] = walls, (1, 0), circle
+    return scene
+
+
 def test_walkers_wait_for_a_robot_that_is_near_and_in_their_way(empty_scene):
     def steps(robot, courtesy):
-        scene = empty_scene(ROOMS["crowd"])
-        scene.room.walls[:] = 0.0, 0.0, 10.0, 10.0
-        scene.room.counts[0] = 1
-        scene.room.circles[0] = 0.0, 0.0, 0.2, 0.5, 0.0
+        scene = walker(empty_scene("crowd"), (0.0, 0.0, 10.0, 10.0), (0.0, 0.0, 0.2, 0.5, 0.0))
         for _ in range(20):
             step(scene, robot, rules=replace(ROOMS["crowd"], courtesy=courtesy))
         return scene.room.circles[0, 0]
@@ -40,10 +43,7 @@ def test_walkers_wait_for_a_robot_that_is_near_and_in_their_way(empty_scene):
 
 
 def test_walkers_turn_back_at_the_walls(empty_scene):
-    scene, places = empty_scene(ROOMS["crowd"]), []
-    scene.room.walls[:] = 3.0, -2.0, 1.0, 1.5
-    scene.room.counts[0] = 1
-    scene.room.circles[0] = 3.52, -1.02, 0.2, 0.5, 0.5
+    scene, places = walker(empty_scene("crowd"), (3.0, -2.0, 1.0, 1.5), (3.52, -1.02, 0.2, 0.5, 0.5)), []
     for _ in range(8):
         step(scene, rules=replace(ROOMS["crowd"], courtesy=0.0))
         places.append(scene.room.circles[0, :2].tolist())
@@ -55,10 +55,7 @@ def test_walkers_turn_back_at_the_walls(empty_scene):
 @pytest.fixture
 def alone(empty_scene):
     """Return a person at the origin of a large room, on the way to (4, 0) at 1 m/s, who sees the robot."""
-    scene = empty_scene("people")
-    scene.room.walls[:] = 0.0, 0.0, 50.0, 50.0
-    scene.room.counts[:] = 1, 0
-    scene.room.circles[0] = 0.0, 0.0, 0.2, 1.0, 0.0
+    scene = walker(empty_scene("people"), (0.0, 0.0, 50.0, 50.0), (0.0, 0.0, 0.2, 1.0, 0.0))
     scene.room.people[0] = 4.0, 0.0, 0.0, 0.0, 1.0, 1.0
     return scene
 
@@ -103,17 +100,6 @@ def test_people_who_see_the_robot_walk_round_it_and_others_run_into_it(alone, se
         step(scene, robot, rules=ROOMS["people"])
         near.append(math.hypot(scene.room.circles[0, 0] - robot.x, scene.room.circles[0, 1] - robot.y) - 0.2 - RADIUS)
     assert min(near) > 0.03 if sees else min(near) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_whoever_holds_the_arrays_lets_people_walk_in_machine_code_too():
-    envs = NavigationVectorEnv(2, task="room", world="people", lidar="ideal", noise="clean")
-    envs.reset(seed=0)
-    room = envs.truth()[0].room
-    room.people[..., 4], before = 0.0, room.circles.copy()
-    for _ in range(3):
-        envs.step(np.zeros((2, 2), np.float32))
-    there = np.arange(before.shape[1]) < room.counts[:, :1]
-    np.testing.assert_allclose(room.circles[there, :2], (before[..., :2] + 3.0 * DT * before[..., 3:])[there], atol=1e-12)
 
 
 def test_people_stay_in_the_room_out_of_boxes_and_below_their_greatest_speed(empty_scene):
