@@ -57,7 +57,7 @@ GRIDS = [
     GridMap(cells=cellular(1), resolution=0.047, origin=Pose(0.013, -0.021, 0.0)),
     GridMap(cells=cellular(2), resolution=0.1, origin=Pose(-3.0, 1.0, 0.6)),
     GridMap(cells=cellular(3, 40, 40, 0.36), resolution=0.07, origin=Pose(0.3, -2.0, -2.2)),
-    GridMap(cells=cellular(4, 150, 170, 0.3), resolution=0.02, origin=Pose(1.0, 1.0, math.pi / 2.0)),  # squares beyond 127
+    GridMap(cells=cellular(4, 140, 140, 0.1), resolution=0.02, origin=Pose(1.0, 1.0, math.pi / 2.0)),  # squares beyond 127
 ]
 
 
