@@ -47,7 +47,7 @@ SOURCE = "def f(x):\n    return helper(x) * FACTOR\n"
         pytest.param(HELPER + SOURCE, {"UNUSED": 5.0, "unused": abs}, True, id="other names"),
     ],
 )
-def test_a_change_of_anything_that_a_function_reaches_and_of_nothing_else_changes_itsfingerprint(source, names, is_same):
+def test_a_change_of_anything_that_a_function_reaches_and_of_nothing_else_changes_its_fingerprint(source, names, is_same):
     first, second = with_source(HELPER + SOURCE, FACTOR=2.0), with_source(source, "there.py", **{"FACTOR": 2.0} | names)
     assert (fingerprint(first) == fingerprint(second)) is is_same
 
@@ -66,7 +66,13 @@ def test_it_reaches_through_closures_and_modules(monkeypatch):
     assert fingerprint(through) != before
 
 
-def test_the_loop_that_stands_for_a_function_of_arrays_is_a_part_of_itsfingerprint():
+def test_it_reaches_into_comprehensions():
+    source = HELPER + "def f(x):\n    return [helper(y) * FACTOR for y in x]\n"
+    changed = (source, 2.0), (source, 3.0), (source.replace("+", "-"), 2.0)
+    assert len({fingerprint(with_source(text, FACTOR=factor)) for text, factor in changed}) == 3
+
+
+def test_the_loop_that_stands_for_a_function_of_arrays_is_a_part_of_its_fingerprint():
     prints = set()
     for step in ("+ 1.0", "- 1.0"):
         of_arrays, loop = (with_source(f"def f(x):\n    return x {rest}\n") for rest in ("+ 1.0", step))
@@ -80,7 +86,7 @@ def copied(function):
     return FunctionType(code, function.__globals__, function.__name__, None, function.__closure__)
 
 
-def test_every_kernel_of_a_step_is_part_of_itsfingerprint():
+def test_every_kernel_of_a_step_is_part_of_its_fingerprint():
     system = open_ground(EXTENDED_KALMAN)
     odometry = system.sensors[0]._replace(sense=copied(system.sensors[0].sense))
     names, goal = ("move", "estimate", "judge"), replace(system.terms[0], of=copied(system.terms[0].of))

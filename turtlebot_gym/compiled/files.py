@@ -98,6 +98,14 @@ def fingerprint(*functions: Callable[..., Any]) -> str:
     return digest.hexdigest()
 
 
+def _names(code: CodeType) -> Iterator[str]:
+    """Yield the global names of a function and of its comprehensions, which have code of their own before Python 3.12."""
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names(constant)
+
+
 def _parts(value: Any, seen: set[int]) -> Iterator[str]:
     if isinstance(value, FunctionType):
         if id(value) in seen:
@@ -110,7 +118,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
         yield from _parts(getattr(value, "in_loops", ()), seen)
         for cell in value.__closure__ or ():
             yield from _parts(cell.cell_contents, seen)
-        names = code.co_names
+        names = [*_names(code)]
         scopes = [value.__globals__, *(vars(it) for name in names if isinstance(it := value.__globals__.get(name), ModuleType))]
         for name in names:
             for scope in scopes:
