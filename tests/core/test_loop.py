@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import turtlebot_gym
-from turtlebot_gym.compiled.batch import PARALLEL_FROM, Batch
+from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.packing import TILE
+from turtlebot_gym.compiled.runner import PARALLEL_FROM
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS

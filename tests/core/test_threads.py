@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled import batch as module
+from turtlebot_gym.compiled import runner
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.packing import TILE
 from turtlebot_gym.compiled.threads import VARIABLE, Threads, limited
@@ -29,8 +29,8 @@ def driven(steps=20, task="square"):
 def test_the_limit_changes_no_bit(monkeypatch, threads, task):
     with limited(1):
         serial = driven(task=task)
-    monkeypatch.setattr(module, "PARALLEL_FROM", TILE)
-    monkeypatch.setattr(module, "ROOMS_PARALLEL_FROM", TILE)
+    monkeypatch.setattr(runner, "PARALLEL_FROM", TILE)
+    monkeypatch.setattr(runner, "ROOMS_PARALLEL_FROM", TILE)
     with limited(threads):
         assert driven(task=task) == serial
 
@@ -87,7 +87,7 @@ def test_importing_a_package_leaves_the_environment_of_the_process_as_it_was(pac
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("longest", [0, TILE, -1], ids=["first", "of another tile", "last"])
 def test_a_batch_tells_whether_any_episode_ended_however_many_threads_made_the_step(monkeypatch, threads, longest):
-    monkeypatch.setattr(module, "PARALLEL_FROM", TILE)
+    monkeypatch.setattr(runner, "PARALLEL_FROM", TILE)
     parameters, waypoints, *_ = Options(task=replace(SQUARE, max_steps=3)).setup()
     batch = Batch(9 * TILE - 5, parameters, waypoints)
     actions, others = np.zeros((batch.num_envs, 2), np.float32), np.ones(batch.num_envs, np.bool_)

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.compiled.loop import Loops, loops_of
+from turtlebot_gym.compiled.loop import Loops
 from turtlebot_gym.compiled.packing import TILE, Packing, access, aligned, as_tuple, flatten, layout_of, packing
-from turtlebot_gym.compiled.program import Call, Program, address_of
-from turtlebot_gym.compiled.proof import Case, case_of, own_of
-from turtlebot_gym.compiled.threads import Threads
-from turtlebot_gym.compiled.values import Untraceable
+from turtlebot_gym.compiled.program import address_of
+from turtlebot_gym.compiled.runner import CHANGING, Runner
 from turtlebot_gym.heart import begin_at
-from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.observations.columns import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import arrays_of
@@ -25,14 +21,6 @@ from turtlebot_gym.systems import Parameters, RoomParts, Snapshot, System, made_
 from turtlebot_gym.tasks import StartAndGoal
 from turtlebot_gym.values import Pose
 
-PARALLEL_FROM = 2048
-"""Batches below this size run on one thread: splitting costs more than it saves."""
-ROOMS_PARALLEL_FROM = 256
-"""The same in rooms, where a step takes about ten times as long."""
-FOLDED_FROM = 512
-"""Batches below this size load shared parameters that are not whole numbers: code of their own would never pay for itself."""
-CHANGING = {"step": (0, 5, 6), "reset": (0, 1, 8, 9)}
-"""Arguments of the loops that differ from call to call: actions, or a mask and whether episodes begin; and results."""
 FEW = 16
 """Most environments whose results are faster to copy than the addresses of new arrays are to find."""
 
@@ -71,8 +59,6 @@ class Batch:
         self._history = history if history else None  # a test for None takes a tenth of a microsecond less
         self._world: Packing | None = None
         self._selected: list[NDArray[np.intp]] = []
-        self._case: Case | None = None
-        """What the loops of open ground are made for."""
         self._begun = False
         """Whether an episode has begun."""
         self._flagged = 0
@@ -81,21 +67,20 @@ class Batch:
     def _find_system(self) -> None:
         self.system = made_of(self._made_by, self.parameters_of(0))
         self.layout, self._around = layout_of(self.system), self.system.surroundings
-        is_large = self.num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
-        self._is_compiled = self.system.compiled and HAS_LLVM
-        self._is_parallel = is_large and self._is_compiled
+        self._runner = Runner(self.system, self.num_envs, self._shares)
         rows = self.layout.outcome.size - (0 if self._shares else len(self.system.rewards))
         self._shapes = size_of(self.system.terms), rows
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without local functions and addresses."""
-        kernels = {"system", "layout", "_around", "_loops", "_first", "_calls", "_few", "_serial", "_access"}
+        kernels = {"system", "layout", "_around", "_first", "_access"}
         kept = {name: value for name, value in self.__dict__.items() if name not in kernels}
-        return kept | {"_world": None if self._world is None else self._world.places}
+        return kept | {"_world": None if self._world is None else self._world.places, "_runner": self._runner.case}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._find_system()
+        self._runner.case = state["_runner"]
         self._world = packing(self.layout.world.example, state["_world"])
         tiles = aligned(self._tiles.size).reshape(self._tiles.shape)  # a copy need not begin a cache line
         tiles[:] = self._tiles
@@ -125,8 +110,8 @@ class Batch:
         if self._around:
             self._make_room_for(self._around, rows * self.num_envs if same else rows)
         numbers = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
-        self._loops, varying = self._find_loops(numbers)
-        self._lay_out(self._loops)
+        varying = self._runner.find(numbers, self.waypoints.shape[1], self._begun)
+        self._lay_out(self._runner.loops)
         last, whole = len(rows) - 1, -(-len(rows) // TILE) * TILE
         table = numbers[np.minimum(np.arange(whole), last)][:, varying]  # the last row fills the last tile
         tiles = table.reshape(len(table) // TILE, TILE, len(varying)).transpose(0, 2, 1)
@@ -136,31 +121,6 @@ class Batch:
         self.given = self._asked[: 2 * self.num_envs].reshape(-1, 2)
         self._copies = self.num_envs <= FEW or self.num_envs % TILE > 0
         """Whether actions are copied: loops read those of whole tiles."""
-        self._forget()
-
-    def _forget(self) -> None:
-        """Forget the calls of machine code, whose arguments have changed."""
-        self._calls: dict[Any, Sequence[Call]] = {}
-        self._few: Any = None
-        self._serial: Call | None = None
-
-    def _find_loops(self, numbers: NDArray[np.float64]) -> tuple[Loops, list[int]]:
-        """Return the loops for some parameters, shape (1, K) or (N, K), and the indices of those that the loops load."""
-        if self._around is None and self._is_compiled:
-            small, old = self.num_envs < FOLDED_FROM, self._case if self._begun else None
-            try:
-                self._case = case_of(self.system, numbers, self.waypoints.shape[1], small=small, old=old)
-                own = own_of(self.system, self._case)
-                return loops_of(self.system, self._case, self._shares), [
-                    self.layout.parameters.names.index(name) for name in own
-                ]
-            except Untraceable as error:
-                self._warn(error)
-        return loops_of(self.system._replace(compiled=self._is_compiled), None, self._shares), [*range(numbers.shape[1])]
-
-    def _warn(self, error: Untraceable) -> None:
-        warnings.warn(f"turtlebot_gym: environments run as plain Python, since {error}.", RuntimeWarning, stacklevel=6)
-        self._is_parallel = self._is_compiled = False
 
     def _lay_out(self, loops: Loops) -> None:
         """Move the numbers of all worlds to the places of other loops."""
@@ -246,41 +206,7 @@ class Batch:
         """Write some observations without the past of a history, and begin the episodes first if asked."""
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         words = address_of(mask), int(begins), address_of(observations), address_of(outcomes)
-        self._run("reset", words, mask, begins, self.seeds, self.episodes, *state)
-
-    def _run(self, name: str, words: Iterable[int], *arguments: Any) -> int:
-        """Run a loop over all tiles; as plain Python, after a warning, if it cannot be translated.
-
-        Args:
-            name: "step" or "reset".
-            words: Numbers, and addresses of arrays, of the arguments that differ from call to call: `CHANGING`.
-            *arguments: All arguments after the numbers of the tiles.
-        """
-        if isinstance(loop := getattr(self._loops, name), Program):
-            try:
-                if not self._is_parallel:
-                    return self._calls_of(name, 1, loop, words, arguments)[0].count()
-                with Threads.taken() as parts:
-                    return sum(Threads.run([call.count for call in self._calls_of(name, parts, loop, words, arguments)]))
-            except Untraceable as error:
-                self._warn(error)
-                self._loops = loops_of(self.system._replace(compiled=False))
-                self._forget()
-        return getattr(self._loops, name)(0, self._n_tiles, *arguments) or 0
-
-    def _calls_of(
-        self, name: str, parts: int, loop: Program, words: Iterable[int], arguments: tuple[Any, ...]
-    ) -> Sequence[Call]:
-        """Return the calls of a loop over all tiles in some parts, each for a thread."""
-        *_, observations, outcomes, _ = arguments
-        key = name, parts, observations.strides, outcomes.strides
-        if not (calls := self._calls.get(key, ())):
-            bounds = [part * self._n_tiles // parts for part in range(parts + 1)]
-            calls = self._calls[key] = [Call(loop, (*bounds[part : part + 2], *arguments)) for part in range(parts)]
-        for at, word in zip(CHANGING[name], words, strict=True):
-            for call in calls:
-                call.put(2 + at, word)
-        return calls
+        self._runner.run("reset", words, mask, begins, self.seeds, self.episodes, *state)
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`, that nobody else holds."""
@@ -305,28 +231,23 @@ class Batch:
         copies = self._copies or not actions.flags.carray
         if copies and actions is not self.given:
             self.given[:] = actions
-        if self._few is not None:
-            count, observations, outcomes = self._few
+        if (runner := self._runner).few is not None:
+            count, observations, outcomes = runner.few
             self._flagged = count()
             return observations.copy(), outcomes.copy()
         given, state = self._asked if copies else actions.reshape(-1), (self._tiles, self._keys, self._parameters)
         buffers, (observations, outcomes) = self._new()
         words = address_of(given), address_of(buffers[0]), address_of(buffers[1])
-        if self._serial is not None:  # what `_run` does, in half the time
+        if runner.serial is not None:  # what `Runner.run` does, in half the time
             for at, word in zip(CHANGING["step"], words, strict=True):
-                self._serial.put(2 + at, word)
-            self._flagged = self._serial.count()
+                runner.serial.put(2 + at, word)
+            self._flagged = runner.serial.count()
         else:
-            self._flagged = self._run("step", words, given, *state, self.waypoints, observations, outcomes, self.scenes)
-            if not self._is_parallel and isinstance(loop := self._loops.step, Program):
-                arguments = given, *state, self.waypoints, observations, outcomes, self.scenes
-                self._serial = self._calls_of("step", 1, loop, words, arguments)[0]
+            self._flagged = runner.run("step", words, given, *state, self.waypoints, observations, outcomes, self.scenes)
         if self._history is not None:
             self._history.advance(observations)
-        elif self.num_envs <= FEW and isinstance(self._loops.step, Program):  # each step uses the same arrays again
-            results = self.empty()
-            arguments = self._asked, *state, self.waypoints, *results, self.scenes
-            self._few = Call(self._loops.step, (0, self._n_tiles, *arguments)).count, *results
+        elif self.num_envs <= FEW:
+            runner.keep(self._asked, *state, self.waypoints, *self.empty(), self.scenes)
         return observations, outcomes
 
     def is_flagged(self) -> bool:
@@ -358,14 +279,6 @@ class Batch:
         """
         tiles = self._tiles.reshape(len(self._tiles), -1, TILE)
         return tiles.transpose(1, 0, 2)[self._selected_places].reshape(len(self._selected_places), -1)[:, : self.num_envs]
-
-    def put(self, path: str, values: NDArray[np.float64]) -> None:
-        """Write one part of all worlds, shape (N, k), as `numbers` returns it: to carry robots elsewhere, for example."""
-        world, index = self._world, np.arange(self.num_envs)
-        assert world is not None
-        part = self._tiles.reshape(len(self._tiles), -1, TILE)
-        for column, place in zip(values.T, world.places[world.slices[path]], strict=True):
-            part[index // TILE, place, index % TILE] = column
 
     def first_selected(self) -> tuple[NDArray[np.float64], tuple[NDArray[np.intp], ...]]:
         """Return the numbers of the first environment, and where each chosen part stands in them.
