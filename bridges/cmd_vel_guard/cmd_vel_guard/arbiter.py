@@ -12,8 +12,8 @@ these and on the robot's limits; the node around it is in `guard`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
+from math import hypot, inf, isfinite
 from typing import Any, NamedTuple
 
 from cmd_vel_guard.collision import RawScan
@@ -51,9 +51,9 @@ class _Heard(NamedTuple):
 class Arbiter:
     """Decide at every moment which command the wheels receive.
 
-    ``now`` is a steady time, s. Messages also have a time ``sent``, when they were sent at the earliest (None: now), and a flag
-    ``dated``, whether that time is the sender's or only that of their arrival here; commands also a time ``measured``, of the
-    measurement on which they rest (None: sent). ``mount_of`` returns a frame's pose on the robot, see `Monitor`.
+    ``now`` is a steady time, s. Messages also have a time ``sent``, when they were sent at the earliest, ``now`` at most, and a
+    flag ``dated``, whether that time is the sender's or only that of their arrival here; commands also a time ``measured``, of
+    the measurement on which they rest, ``sent`` at most. ``mount_of`` returns a frame's pose on the robot, see `Monitor`.
     """
 
     def __init__(self, parameters: Parameters, now: float, mount_of: Callable[[str], Pose | None] = lambda frame: None) -> None:
@@ -65,12 +65,12 @@ class Arbiter:
         """Which input has more than one source, or an empty text: then it is unknown which one counts, and the robot stands."""
         self._heard: dict[str, _Heard] = {}
         self._news: set[str] = set()
-        self._distance = (now, math.inf)
+        self._distance = (now, inf)
         self.lost = ""
         """Why the last pose for the geofence does not count, or an empty text."""
         self._awake, self._since, self._blind_until = now, now, now
         self._zeros_until = now + ZEROS
-        self._began, self._hold_until, self._standby = now, -math.inf, -math.inf
+        self._began, self._hold_until, self._standby = now, -inf, -inf
         self._last, self._last_at, self._due, self._halt = STOP, now, now, False
         self.enabled = parameters.start_enabled and not parameters.require_emergency_stop
         self.emergency, self.why = False, ""
@@ -89,20 +89,13 @@ class Arbiter:
             self._halt, self._zeros_until = True, now + ZEROS
 
     def hear(
-        self,
-        source: str,
-        command: Command,
-        now: float,
-        *,
-        sent: float | None = None,
-        measured: float | None = None,
-        dated: bool = True,
+        self, source: str, command: Command, now: float, *, sent: float = inf, measured: float = inf, dated: bool = True
     ) -> None:
         """Take a command from ``teleop`` or ``program``; one that is not finite counts as a stop."""
         self._wake(now)
-        sent = now if sent is None else min(sent, now)
-        heard = _Heard(sent, sent if measured is None else min(measured, sent), command)
-        if not math.isfinite(command.v + command.omega):
+        sent = min(sent, now)
+        heard = _Heard(sent, min(measured, sent), command)
+        if not isfinite(command.v + command.omega):
             heard = heard._replace(command=STOP)
             self.refused["not finite"] += 1
         if not dated and now < self._blind_until:
@@ -116,16 +109,13 @@ class Arbiter:
     def _is_fresh(self, heard: _Heard, now: float) -> bool:
         return now - heard.sent <= self._p.max_age and now - heard.measured <= self._p.measured_age
 
-    def hear_emergency(
-        self, pressed: bool, now: float, *, sent: float | None = None, dated: bool = True, **message: Any
-    ) -> None:
-        """Take a button's message, see `EmergencyStop.hear`. A press always counts; only a message certainly sent lately shows
-        that it is alive."""
+    def hear_emergency(self, pressed: bool, now: float, *, sent: float = inf, dated: bool = True, **message: Any) -> None:
+        """Take a button's message. A press always counts; only a message that was certainly sent lately shows that it lives."""
         self._wake(now)
         if pressed:
             self.emergency, self.why = True, "the emergency stop was pressed"
         unproved = not dated and now < self._blind_until
-        self.buttons.hear(pressed, now=now, sent=-math.inf if unproved else sent, **message)
+        self.buttons.hear(pressed, now=now, sent=-inf if unproved else sent, **message)
 
     def halt(self, why: str) -> None:
         """Stop a robot that may move until a person enables it, like an emergency stop."""
@@ -146,24 +136,24 @@ class Arbiter:
         self._wake(now)
         self.buttons.count(publishers, now)
 
-    def locate(self, x: float, y: float, now: float, *, sent: float | None = None, frame: str | None = None) -> None:
+    def locate(self, x: float, y: float, now: float, *, sent: float = inf, frame: str | None = None) -> None:
         """Take the robot's position, m, in a frame (None: the right one)."""
         self._wake(now)
         wanted = self._p.frame_prefix + self._p.geofence_frame
         self.lost = ""
         if frame not in (None, wanted):
             self.lost = f"its frame is {frame!r}, not {wanted!r}"
-        elif not math.isfinite(x + y):
+        elif not isfinite(x + y):
             self.lost = f"it is at ({x:g}, {y:g})"
-        self._distance = now if sent is None else min(sent, now), math.inf if self.lost else math.hypot(x, y)
+        self._distance = min(sent, now), inf if self.lost else hypot(x, y)
 
-    def hear_scan(self, scan: RawScan, now: float, *, sent: float | None = None, dated: bool = True) -> None:
+    def hear_scan(self, scan: RawScan, now: float, *, sent: float = inf, dated: bool = True) -> None:
         """Take a scan of the collision monitor."""
         self._wake(now)
         if not dated and now < self._blind_until:
             self.refused["undated after a gap"] += 1
         elif self.monitor:
-            self.monitor.hear(scan, sent=now if sent is None else min(sent, now))
+            self.monitor.hear(scan, sent=min(sent, now))
 
     def hear_standby(self, now: float, *, sent: float) -> None:
         """Take a sign of life of the standby."""

@@ -1,7 +1,6 @@
 """Limits on commands by LiDAR measurements: the mathematics of the guard's collision monitor.
 
-It shares nothing with any policy or simulation but the definition of a scan's beams (`beams`), and uses only
-numpy and the type of a command. Frames: x ahead, y to the left, the origin in the middle of the wheels' axle, about which the
+Frames: x ahead, y to the left, the origin in the middle of the wheels' axle, about which the
 robot turns.
 
 The robot is a circle around ``center_x``, which may lie behind the axle. Each point that the LiDAR saw is an obstacle. A
@@ -52,27 +51,20 @@ _STRAIGHT = 1e-9
 
 
 class Footprint(NamedTuple):
-    """The robot's footprint, and the mount of its LiDAR."""
+    """The robot's footprint, its radius and its centre ahead of the axle, m, and the mount of its LiDAR."""
 
     radius: float
-    """Radius of the footprint, m."""
     center_x: float
-    """Centre of the footprint, ahead of the axle, m."""
     scan: Mount
-    """Mount of the LiDAR; its frame with the prefix of the robot's frames if any."""
 
 
 class Limits(NamedTuple):
-    """Distances that the robot keeps from points of the LiDAR."""
+    """What the robot keeps from points: ``collision_margin``, ``scan_error``, ``collision_time`` and ``escape_speed``."""
 
     margin: float
-    """Width of the stop zone around the footprint, m ..."""
     error: float
-    """... which grows by this share of a point's range: the LiDAR's error."""
     time: float
-    """Least time until the stop zone is entered, s."""
     escape_speed: float
-    """Speed inside the stop zone away from everything in it, m/s; with 0 the robot stands."""
 
 
 class RawScan(NamedTuple):
@@ -87,15 +79,13 @@ class RawScan(NamedTuple):
 
 
 class View(NamedTuple):
-    """What a scan says, as positions of obstacles and the distance that the footprint's centre must keep from each.
+    """What a scan says: points seen, with the borders of narrow gaps, and the unknown's, with those of wide ones.
 
-    Of shape (3, n): x and y in the robot's frame, and the radius of the stop zone; m.
+    Of shape (3, n): x and y in the robot's frame, and the radius of the stop zone around it; m.
     """
 
     seen: NDArray[np.float64]
-    """Points that returned something, and the borders of narrow gaps."""
     unknown: NDArray[np.float64]
-    """Borders of wide gaps."""
 
 
 def read(scan: RawScan, body: Footprint, limits: Limits) -> Beams:

@@ -22,9 +22,8 @@ _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 def declare(node: Node, *kinds: type) -> tuple[Any, ...]:
     """Declare the fields of classes as read-only parameters of a node, and return the filled classes.
 
-    From then on ``use_sim_time`` is read-only, too: what uses the clock was made for it. Of fields of one name the later
-    class's counts. The node was created with ``automatically_declare_parameters_from_overrides=True``. A given parameter that
-    does not exist, has the wrong type, or is refused by its class raises `ValueError` with one line.
+    So is ``use_sim_time`` from then on. Of fields of one name the later class's counts. The node was created with
+    ``automatically_declare_parameters_from_overrides=True``. `ValueError` says in one line what of the given is refused.
     """
     declared = {item.name: item for kind in kinds for item in fields(kind)}
     types = {name: hint for kind in kinds for name, hint in get_type_hints(kind).items()}

@@ -18,11 +18,7 @@ _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
 
 def prepare(*, local: bool = True) -> None:
-    """Set environment variables that are not set yet.
-
-    Args:
-        local: Whether discovery stays on this machine.
-    """
+    """Set environment variables that are not set yet; discovery stays on this machine if ``local``."""
     if not any(name in os.environ for name in _PROFILES):
         folders = filter(None, os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep))
         is_new = any(Path(folder, "libfastdds.so").exists() for folder in folders)  # version 3, since Kilted, renamed it

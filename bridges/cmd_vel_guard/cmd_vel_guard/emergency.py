@@ -23,8 +23,6 @@ from the second message of either. The first number of a button means nothing, u
 messages meanwhile: then it cannot be told from a gap. A button that was never heard cannot be detected, nor one of several if
 the middleware gives no numbers; then all count as one, no gap is visible, and the 0.5 s after a ``true`` prevent a second
 button's release from hiding the first. One that publishes at best effort is heard promptly only.
-
-The guard and the nodes that move a robot share this rule.
 """
 
 from __future__ import annotations
@@ -41,32 +39,22 @@ BURST, FASTEST = 5, 500.0
 UNNUMBERED = 2**64 - 1
 """Number of each message if the middleware does not number them."""
 
-NONE_HEARD = (
-    "no emergency stop is heard, and one is required: start a button, for example: "
-    'ros2 topic pub --rate 10 emergency_stop std_msgs/msg/Bool "{data: false}"'
-)
+NONE_HEARD = "no emergency stop is heard, and one is required: start a button, see emergency_stop in --help"
 """Refusal of a robot that must have a button."""
 
 
 @dataclass
 class _Button:
-    """State of one publisher of the emergency stop."""
+    """One publisher: when its first message was sent, its latest one sent and heard, and the number and value of that."""
 
     began: float
-    """Steady time at which its first message was sent, s."""
     sent: float
-    """Steady time at which its latest message was sent, s ..."""
     heard: float
-    """... and at which it was received."""
     number: int
-    """Number of its last message."""
     pressed: bool
-    """Its last value."""
 
 
 class _Stream:
-    """What is heard of all buttons in one way."""
-
     def __init__(self) -> None:
         self.buttons: list[_Button] = []  # in the order in which they were heard
         self.expected = 0
@@ -85,10 +73,10 @@ class EmergencyStop:
         self._publishers = 0
 
     def hear(
-        self, pressed: bool, *, now: float, sent: float | None = None, number: int | None = None, prompt: bool = False
+        self, pressed: bool, *, now: float, sent: float = math.inf, number: int | None = None, prompt: bool = False
     ) -> None:
         """Take a button's message, received ``now`` promptly or reliably, with the time of sending and its number, if known."""
-        sent = now if sent is None else min(sent, now)
+        sent = min(sent, now)
         number = None if number == UNNUMBERED else number
         if pressed:
             self._pressed_at = now

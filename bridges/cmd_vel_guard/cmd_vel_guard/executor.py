@@ -67,10 +67,7 @@ class SteadyExecutor(SingleThreadedExecutor):
         self.run_next(timeout_sec)
 
     def run_next(self, timeout_sec: float | None) -> bool:
-        """Do the same, and return whether there was one.
-
-        What a timer's callback raises is raised; what comes from outside ends no node.
-        """
+        """Do the same, and return whether there was one. Only what a timer's callback raises is raised."""
         self._ends = math.inf if timeout_sec is None else time.monotonic() + timeout_sec
         try:
             handler, entity, node = self.wait_for_ready_callbacks(timeout_sec=timeout_sec)

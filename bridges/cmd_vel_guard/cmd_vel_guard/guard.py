@@ -1,7 +1,6 @@
 """The guard of a robot's wheels: the only publisher of ``/cmd_vel``, which runs on the robot itself.
 
-It sits between the sources of commands and the wheels. It limits commands and stops the robot when there are none. With
-``collision_monitor`` false it does NOT SEE OBSTACLES.
+It limits commands and stops the robot when there are none. With ``collision_monitor`` false it does NOT SEE OBSTACLES.
 
 **Its own death is covered by** ``cmd_vel_standby``, see `standby`: a TurtleBot3 holds its last command. A motion in
 force is repeated every 0.05 s as a sign of life, and with ``require_standby`` the robot stands without the standby's. The first
@@ -24,8 +23,7 @@ before it sends any motion. After a stop it sends zeros until it is enabled agai
 A restarted guard remembers no emergency stop. On a robot ``require_emergency_stop`` is true: then it always starts disabled,
 and cannot be enabled without a live button. After one of several buttons is removed for good, restart the guard.
 
-All names are relative: to stop several robots with one button, remap ``emergency_stop`` of each guard, and of each node that
-moves a robot, to a common topic. All times are by the steady clock. Parameters: see `parameters`.
+All names are relative: to stop several robots with one button, remap ``emergency_stop`` of each guard and node that moves one.
 """
 
 from __future__ import annotations
@@ -121,7 +119,6 @@ class CmdVelGuard(Node):
         return age
 
     def _subscribe(self, kind: type, topic: str, hear: Any, qos: QoSProfile) -> Subscription:
-        """Subscribe with a callback that also takes the message's times; no message ends the guard."""
         callback: Any = self._safely(topic, hear)  # rclpy supports the info, but its types do not show it
         self._inputs[topic] = self.create_subscription(kind, topic, callback, qos)
         return self._inputs[topic]

@@ -40,23 +40,18 @@ LAYERS = 5
 
 
 class Timing(NamedTuple):
-    """Timing of scans and their validity."""
+    """When scans count, s: ``scan_age``, ``scan_period``, ``reaction`` and ``scan_returns`` of the parameters."""
 
     age: float
-    """Age since sending from which a scan no longer counts, s."""
     period: float
-    """Time of one revolution, s."""
     reaction: float
-    """Longest delay of the wheels in executing a command, and of the driver in sending a scan, s."""
     returns: float = 0.0
-    """Least share of a scan's beams that return something."""
 
 
 class Monitor:
     """Limit commands by the newest scan; ``now`` is a steady time, s, ``speed`` and ``turning`` are the robot's greatest ones.
 
-    ``mount_of`` returns the pose of a frame on the robot by ``/tf_static``, None if that does not state it. If the mount is
-    ``given`` by a person, another one there is refused.
+    ``mount_of`` returns a frame's pose by ``/tf_static``, if stated; one other than a mount ``given`` by a person is refused.
     """
 
     def __init__(
@@ -109,8 +104,7 @@ class Monitor:
 
     def _mounted(self, frame: str) -> Footprint:
         """Return the body with the mount of a scan's frame, and set the remark; raise `ValueError` if a person gave another."""
-        stated, mount = self._mount_of(frame), self._body.scan
-        self.remark = ""
+        stated, mount, self.remark = self._mount_of(frame), self._body.scan, ""
         if stated is None or (mount.frame in (frame, frame.rsplit("/", 1)[-1]) and not differ(stated, Pose(*mount[1:]))):
             return self._body
         x, y, yaw = stated
@@ -122,9 +116,7 @@ class Monitor:
 
     def trouble(self, now: float) -> str:
         """Return why the robot must stand, or an empty text."""
-        if self._bad:
-            return self._bad
-        if why := self.watch.trouble():
+        if why := self._bad or self.watch.trouble():
             return why
         return f"the last scan is older than {self._timing.age:g} s" if now - self._sent > self._timing.age else ""
 

@@ -111,7 +111,7 @@ class Moved:
         """Return whether odometry stays the same though the robot should drive."""
         since, *still = self._still or (at, Pose(math.inf, 0.0, 0.0), STOP)
         changes = [now - then for now, then in zip((*pose, *twist), (*still[0], *still[1]), strict=True)]
-        changes[2] = _wrap(changes[2])
+        changes[2] = math.remainder(changes[2], math.tau)
         if any(abs(change) > least for change, least in zip(changes, CHANGE, strict=True)):
             self._still = at, pose, twist
             return False
@@ -128,7 +128,7 @@ class Moved:
         """Return speed and turning rate over the window: by the twist, by the pose, and whether the pose moves steadily."""
         times, poses, twists = zip(*self._window, strict=True)
         steps, count, lasted = list(pairwise(poses)), len(times) - 1, times[-1] - times[0]
-        turns = [_wrap(b.theta - a.theta) for a, b in steps]
+        turns = [math.remainder(b.theta - a.theta, math.tau) for a, b in steps]
         x, y, turned = poses[-1].x - poses[0].x, poses[-1].y - poses[0].y, sum(turns)
         middle, ways = poses[0].theta + 0.5 * turned, sum((b.x - a.x) ** 2 + (b.y - a.y) ** 2 for a, b in steps)
         steady = math.hypot(x, y) > 0.5 * math.sqrt(count * ways), abs(turned) > 0.5 * math.hypot(*turns) * math.sqrt(count)
@@ -172,7 +172,3 @@ class Moved:
             if self._excess[axis, against] > (AGAINST if against else UNTOLD)[axis]:
                 return REVERSED[axis] if against else EXTRA
         return ""
-
-
-def _wrap(angle: float) -> float:
-    return math.remainder(angle, 2.0 * math.pi)

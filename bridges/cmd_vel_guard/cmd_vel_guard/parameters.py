@@ -36,8 +36,7 @@ class Parameters:
     body_frame: str = "base_footprint"
     """The robot's frame in the commands."""
     frame_prefix: str = ""
-    """Prefix of the robot's and the scans' frame; scans of other frames are then refused. Such as "robot1/" for
-    robot1/base_scan."""
+    """Prefix of the robot's and the scans' frame, such as "robot1/"; scans of other frames are then refused."""
     start_enabled: bool = True
     """Whether commands pass from the start; if not, ``~/enable`` is needed after every (re)start."""
     require_emergency_stop: bool = False
@@ -47,8 +46,7 @@ class Parameters:
     max_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.4
     """Age since it was sent from which a command no longer counts, s; at most 0.5."""
     measured_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.5
-    """Age of its measurement from which a command no longer counts, s: by the header's stamp.
-    """
+    """Age of its measurement from which a command no longer counts, s: by the header's stamp."""
     rate: Annotated[float, Range(50.0, 200.0, unit="Hz")] = 50.0
     """Rate at which ages are checked, and highest rate of commands, Hz; 50 to 200."""
     max_acceleration: Annotated[float, Range(0.0, 1000.0, open_low=True, unit="m/s^2")] = 2.5
@@ -56,8 +54,7 @@ class Parameters:
     speed_scale: Annotated[float, Range(0.0, 1.0, open_low=True)] = 1.0
     """Factor on every command, at most 1."""
     geofence: Annotated[float, Range(0.0, 1e6, unit="m")] = 0.0
-    """Radius around the origin beyond which only a person may drive, m; 0 for no fence. The origin is that of the pose's frame.
-    """
+    """Radius around the pose's origin beyond which only a person may drive, m; 0 for no fence."""
     geofence_topic: Annotated[str, Names(("odom", "estimate"))] = "odom"
     """Topic of the pose for the geofence: ``odom`` or ``estimate``."""
     geofence_frame: str = "odom"
@@ -67,8 +64,7 @@ class Parameters:
     heed_disagreement: bool = False
     """Whether a cause on the filter's ``disagreement`` stops the robot until it is enabled."""
     collision_monitor: bool = True
-    """Whether obstacles on ``scan`` limit commands, a person's too; without a scan it stands. With an empty ``scan_frame``
-    nothing is monitored."""
+    """Whether obstacles on ``scan`` limit any command; without a scan it stands. Not with an empty ``scan_frame``."""
     collision_margin: Annotated[float, Range(0.0, 1.0, unit="m")] = 0.05
     """Width of the stop zone around the footprint, m."""
     collision_time: Annotated[float, Range(0.5, 10.0, unit="s")] = 1.0
@@ -82,15 +78,14 @@ class Parameters:
     scan_error: Annotated[float, Range(0.0, 0.5)] = 0.085
     """Relative error of a range, by which the stop zone grows. For an LDS-01, 5 % plus twice 1.75 %."""
     scan_returns: Annotated[float, Range(0.0, 1.0)] = 0.02
-    """Least share of a scan's beams that return something, or the robot stands; 0 for any. Less must last for 0.5 s: a covered
-    LiDAR looks like one in a hall larger than its range. With 0 the robot drives in such halls, and a cover is not noticed."""
+    """Least share of a scan's beams that return something, or the robot stands, after 0.5 s of less; with 0 a cover is not
+    noticed, and the robot drives in halls larger than the LiDAR's range."""
     reaction: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
     """Longest delay of wheels and LiDAR driver, s."""
     radius: Annotated[float, Range(0.0, 10.0, unit="m")] = 0.0
     """Radius of the footprint, m."""
     scan_mount: Annotated[str, Names(("tf_static", "given"))] = "tf_static"
-    """What counts where ``/tf_static`` states another mount than the numbers below: ``tf_static``, or ``given`` for neither, so
-    that the robot stands."""
+    """What counts where ``/tf_static`` states another mount: ``tf_static``, or ``given`` for neither, so the robot stands."""
     footprint_x: Annotated[float, PLACE] = 0.0
     """Centre of the footprint ahead of the axle, m."""
     scan_x: Annotated[float, PLACE] = 0.0

@@ -37,16 +37,14 @@ SPIN = 0.03
 class Runner:
     """A context, and an executor that runs nodes in the thread that calls `spin_once`, or in one of its own.
 
-    The part of the arguments after ``--ros-args`` applies to all its nodes.
-    Discovery stays on this machine if ``local``, unless the environment says otherwise.
+    The arguments after ``--ros-args`` are for all its nodes. Discovery stays on this machine if ``local``, see `prepare`.
     """
 
     def __init__(self, arguments: Sequence[str] = (), *, executor: type[Executor] = SteadyExecutor, local: bool = True) -> None:
         prepare(local=local)
         self.context = Context()
         # rclpy's own signal handlers end the context first, and then no zeros can be sent.
-        options = SignalHandlerOptions.NO
-        rclpy.init(args=list(arguments), context=self.context, signal_handler_options=options)
+        rclpy.init(args=list(arguments), context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self._executor = executor(context=self.context)
         self._running: list[Any] = []
         self._closing = False
@@ -142,9 +140,8 @@ def run(
     """Run nodes in one process until a signal ends it. Call it in the main thread.
 
     Each of ``makes`` makes a node in a ``context``; an error refuses its arguments: exit code 2, with one line on stderr.
-    Otherwise the process ends: with code 0, or 1 after an error in a callback. Callbacks run in this thread, or in one of their
-    own, so that even a stuck one does not keep the process from ending. The process is also asked to end when one of the
-    lifelines ends, see `session`.
+    Otherwise the process ends with code 0, or 1 after an error in a callback; also when a lifeline ends, see `session`.
+    Callbacks run in this thread, or in one of their own, so that even a stuck one does not keep the process from ending.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     failures: list[int] = []

@@ -10,8 +10,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-LONGEST = 200
-"""Most letters of an error that are shown."""
 _NUMBER, _LAST = "callbacks that failed", "last one"
 _FAILED: WeakKeyDictionary[Node, dict[str, Any]] = WeakKeyDictionary()
 
@@ -21,7 +19,7 @@ def note(node: Node, name: str, error: BaseException) -> None:
     failed = _FAILED.setdefault(node, {})
     failed[_NUMBER] = failed.get(_NUMBER, 0) + 1
     if _LAST not in failed:
-        failed[_LAST] = f"{name}: refused: {type(error).__name__}: {' '.join(str(error).split())[:LONGEST]}"
+        failed[_LAST] = f"{name}: refused: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
         node.get_logger().error(failed[_LAST])
 
 

@@ -47,16 +47,15 @@ SYNCHRONIZE = "synchronize both clocks (chrony)"
 
 
 class Age(NamedTuple):
-    """The age of a message, s; infinite if its clock is refused."""
+    """The most since a message was sent and since what it rests on was measured, s; infinite if its clock is refused.
+
+    It is dated if the sender's time is known, otherwise it counts from arrival; ``by`` describes the time that counted.
+    """
 
     sent: float
-    """Age since it was sent, at most."""
     measured: float
-    """Age since what it rests on was measured, at most."""
     dated: bool
-    """Whether the sender's time is known; if not, the age counts from arrival."""
     by: str
-    """Description of the time that counted."""
     refusal: str = ""
     """Why its clock is refused."""
 

@@ -30,10 +30,7 @@ def check_topics(resolve: Callable[[str], str]) -> None:
     """Refuse remappings, which ``resolve`` knows, by which the guard would obey itself, or take one source for two."""
     for first, second in combinations(COMMANDS, 2):
         if (topic := resolve(first)) == resolve(second):
-            why = "obey its own commands" if first == COMMANDS[0] else "take a program for a person"
-            raise ValueError(
-                f"{first} and {second} must be different topics, got {topic} for both: the guard would {why}; remap one."
-            )
+            raise ValueError(f"{first} and {second} must be different topics, got {topic} for both.")
 
 
 def rivals(subscriptions: Mapping[str, Subscription]) -> str:
@@ -47,8 +44,7 @@ def hear_mounts(
 ) -> Callable[[str], Pose | None]:
     """Subscribe a node to ``/tf_static``, and return `StaticFrames.mount` for the robot's frame.
 
-    The type of its messages comes with a ROS installation and is not on PyPI; without it, no mount is ever stated. ``wrap``
-    returns the callback for a message and its info that stands around the given one.
+    The type of its messages comes with a ROS installation and is not on PyPI; without it, no mount is ever stated.
     """
     frames = StaticFrames()
 

@@ -39,7 +39,6 @@ from cmd_vel_guard.process import precede, run
 from cmd_vel_guard.qos import STREAM
 from cmd_vel_guard.reports import ERROR, log
 from cmd_vel_guard.session import leave
-from turtlebot_gym.config import check_fields
 
 SILENCE = 0.18
 """Silence of a guard that moves the robot after which zeros follow, s: three of its repetitions."""
@@ -62,9 +61,6 @@ class Parameters:
     enable_stamped_cmd_vel: bool = True
     """Whether velocities are TwistStamped, as on a Jazzy robot; Twist if false. As in the guard."""
 
-    def __post_init__(self) -> None:
-        check_fields(self, "")
-
 
 class Standby:
     """The decision, without ROS; ``now`` is a steady time, s."""
@@ -76,11 +72,7 @@ class Standby:
         self.takeovers = 0
 
     def look(self, motions: Sequence[bool], now: float) -> bool:
-        """Return whether to publish a zero now.
-
-        The messages since the last look, which may have been late itself, move the robot or not; zeros may be the standby's
-        own.
-        """
+        """Return whether to publish a zero now, by whether the messages since the last look move the robot; it hears itself."""
         came = max(self._looked, now - LATE)
         self._looked = now
         if any(motions):

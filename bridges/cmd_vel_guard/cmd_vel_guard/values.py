@@ -17,23 +17,16 @@ ROUNDING = 1e-12
 
 
 class Mount(NamedTuple):
-    """A sensor's frame, and its pose in the robot's frame."""
+    """A sensor's frame, empty if it is not known, and its pose in the robot's frame, m and rad."""
 
     frame: str
-    """Name of the frame; empty if the mount is not known."""
     x: float
-    """m"""
     y: float
-    """m"""
     yaw: float
-    """Direction of its x axis, rad."""
 
 
 def limit(command: Command, robot: Parameters) -> Command:
-    """Scale a command into a robot's limits per axis and per wheel, without changing the curvature of its path.
-
-    A robot that must not reverse only turns when it is commanded backwards.
-    """
+    """Scale a command into a robot's limits on its path; one that must not reverse only turns when commanded backwards."""
     forward = command.v if robot.reverse else max(command.v, 0.0)
     v, omega = abs(forward), abs(command.omega)
     wheel = v + omega * robot.wheel_separation * 0.5
