@@ -3,6 +3,7 @@
 import math
 import time
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -40,23 +41,12 @@ PATIENCE = 30.0
 
 
 def wait_for(what):
-    """Wait until a condition holds, and return its value."""
     deadline = time.monotonic() + PATIENCE
     while not (value := what()):
         if time.monotonic() > deadline:
             pytest.fail(f"waited {PATIENCE} s in vain")
         time.sleep(0.005)
     return value
-
-
-class FakeTime:
-    """A steady clock that the test moves."""
-
-    def __init__(self):
-        self.at = 0.0
-
-    def __call__(self):
-        return self.at
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,13 +81,15 @@ class Bench:
     """A shell around a mover, whose steady clock the test sets, and a peer that is its world."""
 
     def __init__(self, runner, peer, *, make=Mover, enabled=True, **overrides):
-        self.peer, self.now = peer, FakeTime()
+        self.peer, self.now = peer, SimpleNamespace(at=0.0)
         self.odometry = peer.speak("odom", Odometry)
         self.commands = peer.hear("cmd_vel", TwistStamped)
         self.states = peer.hear("mover/state", String, LATCHED)
         self.reports = peer.hear("/diagnostics", DiagnosticArray)
         overrides = overrides if enabled is None else {"start_enabled": enabled, **overrides}
-        self.shell = Shell(make, NoParameters, name="mover", context=runner.context, overrides=overrides, now=self.now)
+        self.shell = Shell(
+            make, NoParameters, name="mover", context=runner.context, overrides=overrides, now=lambda: self.now.at
+        )
         runner.add(self.shell)
         self.block = self.shell.block
         self.stamp = 10.0
@@ -109,7 +101,6 @@ class Bench:
         return wait_for(what)
 
     def send(self, *, dt=0.1, **fields):
-        """Send odometry, dt after the last one by its stamp."""
         self.stamp += dt
         self.odometry.publish(odometry(self.stamp, **fields))
 
@@ -126,7 +117,6 @@ class Bench:
         self.settle()
 
     def settle(self):
-        """Wait until a last odometry has made its step, so that none is in transit."""
         self.send()
         received = self.shell.inputs.feeds["odometry"]
         before = -1
@@ -166,8 +156,6 @@ class Bench:
         return True
 
     def report(self, text):
-        """Wait for diagnostics that contain a text, and return them."""
-
         def find():
             self.advance(0.05)
             statuses = [message.status[0] for message in self.reports if message.status[0].name == "/mover"]

@@ -21,22 +21,14 @@ class Kind:
     """How a robot differs from its commands."""
 
     noise: str = "clean"
-    late: float = 0.0
-    """Delay of every command, s."""
-    start: float = 0.0
-    """Delay of a start from rest, s."""
-    acceleration: float = math.inf
-    """Limit of each wheel, m/s^2."""
-    coarse: float = 0.0
-    """Commands are truncated to multiples of this."""
-    slip: bool = False
-    """Whether half of the motion is lost in bursts of half a second."""
-    lost: float = 0.0
-    """Share of odometry that never arrives."""
-    held: float = 0.0
-    """Longest delay of odometry, s."""
-    pushed: bool = False
-    """Whether it is pushed by up to 5 cm and 0.3 rad when it stands."""
+    late: float = 0.0  # delay of every command, s
+    start: float = 0.0  # delay of a start from rest, s
+    acceleration: float = math.inf  # limit of each wheel, m/s^2
+    coarse: float = 0.0  # commands are truncated to multiples of this
+    slip: bool = False  # whether half of the motion is lost in bursts of half a second
+    lost: float = 0.0  # share of odometry that never arrives
+    held: float = 0.0  # longest delay of odometry, s
+    pushed: bool = False  # whether it is pushed by up to 5 cm and 0.3 rad when it stands
 
 
 KINDS = {
@@ -55,8 +47,6 @@ KINDS = {
 
 
 class Robot:
-    """A robot of a kind."""
-
     def __init__(self, kind, rng):
         self.kind, self.rng, self.noise = kind, rng, NOISES[kind.noise]
         self.pose, self.wheels, self.twist = Pose(1.0, -2.0, 0.7), Pose(0.0, 0.0, 0.0), STOP
@@ -108,7 +98,6 @@ class Driver:
         self.rng, self.left, self.command, self.quick, self.style = rng, 0, STOP, 0, "rest"
 
     def step(self):
-        """Return the command of this step."""
         rng = self.rng
         if self.left <= 0:
             self.style = rng.choice(("cruise", "curve", "spin", "creep", "quick", "weave", "rest"))

@@ -27,42 +27,31 @@ JUMPS = [-7200.0, -30.0, -1.0, -0.3, 0.05, 0.3, 1.0, 30.0, 7200.0]
 class Message:
     """A message in transit."""
 
-    at: float
-    """Time of arrival."""
+    at: float  # of arrival
     topic: str
     value: object
     stamp: str
-    made: float
-    """True time of sending ..."""
-    measured: float
-    """... and of the measurement on which it rests."""
+    made: float  # true time of sending ...
+    measured: float  # ... and of the measurement on which it rests
     source: float
     header: float
     number: int = 0
     button: int = -1
-    pressed: float = -math.inf
-    """When a press by a button that is known counts: as soon as the guard runs."""
-    prompt: bool = False
-    """Whether it is not awaited: a button's messages are heard twice."""
+    pressed: float = -math.inf  # when a press by a button that is known counts: as soon as the guard runs
+    prompt: bool = False  # whether it is not awaited: a button's messages are heard twice
 
 
 @dataclass
 class Log:
     """The true history."""
 
+    # made, latest time at which it may move the robot, when it may first be obeyed, is motion
     commands: list = field(default_factory=list)
-    """(made, latest time at which it may move the robot, when it may first be obeyed, is motion)"""
-    told: list = field(default_factory=list)
-    """Commands sent to the wheels: (time, v, omega)."""
-    held: list = field(default_factory=list)
-    """Command held by the wheels after each cycle of a running guard: (time, v, omega)."""
-    presses: list = field(default_factory=list)
-    """When a true message was there for the guard to see."""
-    spoken: dict = field(default_factory=dict)
-    """By button: (when there, made, pressed) of each message."""
-    enabled: list = field(default_factory=list)
-    """(time, on) of each call that was accepted."""
-    refused: list = field(default_factory=list)
+    told: list = field(default_factory=list)  # to the wheels: time, v, omega
+    held: list = field(default_factory=list)  # by the wheels after each cycle of a running guard: time, v, omega
+    presses: list = field(default_factory=list)  # when a true message was there for the guard to see
+    spoken: dict = field(default_factory=dict)  # by button: when there, made, pressed of each message
+    enabled: list = field(default_factory=list)  # time, on of each call that was accepted
 
 
 class World:
@@ -74,12 +63,11 @@ class World:
         self.suspended_until = self.held_until = -math.inf
         self.seen = {}
         """Buttons: [number of the last message, pressed, time of the next message, alive, which of all lives]."""
+        # All buttons that ever lived, how many of their next messages are lost, and by lost press its number, and when the
+        # message before it was sent.
         self.lives, self.swallowing, self.swallowed = 0, 0, {}
-        """Of the buttons: all that ever lived, how many of the next messages are lost, and of each lost press its number, with
-        when the message before it was sent."""
+        # Until when a lost message holds up the next ones, how many prompt ones are lost, when the last of either kind came.
         self.radio_until, self.in_the_air, self.came = -math.inf, 0, {True: -math.inf, False: -math.inf}
-        """Until when a lost message holds up the buttons' next ones, and how many of the prompt ones are lost;
-        when the last prompt and the last other one came."""
         parameters = Parameters(**parameters)
         self.clock = sent.SystemClock()
         self.look()
@@ -106,7 +94,6 @@ class World:
         self.send(a, b, "teleop")
 
     def drive(self, a, b):
-        """Command at 10 Hz for a while."""
         for _ in range(2 + b):
             self.command("program", COMMANDS[a], "set", 0.001)
             self.wait(0.1)
@@ -120,7 +107,6 @@ class World:
         self.wait((0.03, 0.2, 0.39, 0.41, 0.55, 1.3)[(a + b) % 6])
 
     def button(self, a, b):
-        """Start a button, unless it is there."""
         which = a % 3
         if which not in self.seen or not self.seen[which][3]:
             number = (0, 5, 700)[b % 3] if which not in self.seen else 0
@@ -152,7 +138,6 @@ class World:
         self.drive(1, 3)
 
     def radio(self, a, b):
-        """Let a lost message be sent again after a while, and hold up the next ones, one of which may be a press."""
         self.in_the_air, self.radio_until = (2, 2, 3, 4, 7, 11, 16, 60)[a], self.t + (0.1, 0.3, 0.6, 1.2, 3.0)[b % 5]
         if b > 4:
             self.press(a, a % 4)
@@ -170,7 +155,8 @@ class World:
         if on:
             self.begin()
         answer = self.guard.enable(on, self.look(), buttons=sum(button[3] for button in self.seen.values()))
-        (self.log.refused if answer else self.log.enabled).append((self.t, on))
+        if not answer:
+            self.log.enabled.append((self.t, on))
         self.step()
         self.wait(0.02 * b)
 
@@ -200,7 +186,6 @@ class World:
         self.drive(0, 4)
 
     def lose(self, a, b):
-        """Lose some of the next messages."""
         self.losing = a + 1
         self.drive(1, b)
 
@@ -214,12 +199,10 @@ class World:
     # How it happens.
 
     def begin(self):
-        """Let the leads be estimated anew."""
         for ages in self.ages.values():
             ages.begin()
 
     def lost(self):
-        """Return whether the network loses this message: every second one."""
         self.losing = max(0, self.losing - 1)
         return self.losing % 2 == 1
 
@@ -252,7 +235,6 @@ class World:
             self.flying.append(message)
 
     def wait(self, duration):
-        """Advance true time, with all events in order."""
         end = self.t + duration
         while True:
             buttons = [(button[2], which) for which, button in self.seen.items() if button[3]]
@@ -303,7 +285,6 @@ class World:
         return self.t
 
     def take(self, message):
-        """Hand a message to the guard, as the node does."""
         self.waiting.remove(message)
         now, log, seen = self.look(), self.log, self.t
         arrival = message.at + self.offset

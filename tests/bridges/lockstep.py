@@ -21,8 +21,6 @@ COLUMNS = ("time", "true_state", "odometry", "estimate", "covariance", "referenc
 
 
 class RoomDrive(NamedTuple):
-    """An episode in a room, the same in the environment and in the graph."""
-
     policy: str = "vfh"
     world: str = "dense"
     lidar: str = "lds01"
@@ -35,8 +33,6 @@ class RoomDrive(NamedTuple):
 
 
 class SquareDrive(NamedTuple):
-    """A drive of the square, the same in the environment and in the graph."""
-
     policy: str = "proportional"
     noise: str = "tutorial"
     switch: str = "time"
@@ -86,7 +82,6 @@ def room_live(drive: RoomDrive, steps: int, **options: Any) -> Drive:
 
 
 def _driven(env: gym.Env[Any, Any], policy: Any, seed: int, steps: int, number: int = 0) -> Iterator[dict[str, Any]]:
-    """Yield the infos of an episode until it ends, or for a number of steps."""
     observation, info = env.reset(seed=seed)
     for _ in range(number):
         observation, info = env.reset()
@@ -116,5 +111,4 @@ def differences(one: Drive, other: Drive) -> dict[str, float]:
 
 
 def room_differences(one: Drive, other: Drive) -> dict[str, float]:
-    """Return the largest difference in each part of two episodes in a room."""
     return differences(one, other) | {"clearance": float(np.abs(one.clearance - other.clearance).max())}

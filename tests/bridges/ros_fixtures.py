@@ -47,7 +47,6 @@ runner, another_runner, third_runner = (
 
 @pytest.fixture
 def make_runner():
-    """Make runners with arguments, and close them."""
     made = []
 
     def make(*arguments):
@@ -70,7 +69,6 @@ class Peer:
         runner.add(self)
 
     def hear(self, topic, message_type, qos=100):
-        """Collect the messages of a topic; returns the growing list."""
         heard = []
         self.subscriptions[topic] = self.node.create_subscription(message_type, topic, heard.append, qos)
         return heard
@@ -79,7 +77,6 @@ class Peer:
         return self.node.create_publisher(message_type, topic, qos)
 
     def ask(self, service, service_type, request):
-        """Call a service, and return the response."""
         if service not in self._clients:
             self._clients[service] = self.node.create_client(service_type, service)
         client, deadline = self._clients[service], time.monotonic() + PATIENCE
@@ -133,14 +130,6 @@ def compare():
     import lockstep
 
     return lockstep
-
-
-@pytest.fixture(scope="session")
-def busy():
-    """Keep the machine busy with a number of processes."""
-    from harness.machine import busy
-
-    return busy
 
 
 @pytest.fixture

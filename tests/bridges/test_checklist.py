@@ -32,24 +32,22 @@ class Robot:
     """A simulated robot and its nodes as processes, and the tools that ask and tell them."""
 
     def __init__(self, launch, domain, peer, wait_for):
-        self._launch, self._domain, self.until = launch, domain, wait_for
+        self._launch, self._domain, self.until, self.nodes = launch, domain, wait_for, {}
         self.odometry = peer.hear("odom", Odometry, SENSOR)
-        self.nodes = {}
 
     def start(self, name):
         given = [] if name == "turtlebot_simulator" else ["--params-file", str(ROBOT)]
         self.nodes[name] = self.tool(name, "--ros-args", *given, *WORDS.get(name, []))
 
     def tool(self, *words):
-        return self._launch(
-            "-m", "cmd_vel_guard" if words[0] in GUARDS else "turtlebot_gym_ros", *words, ROS_DOMAIN_ID=self._domain
-        )
+        package = "cmd_vel_guard" if words[0] in GUARDS else "turtlebot_gym_ros"
+        return self._launch("-m", package, *words, ROS_DOMAIN_ID=self._domain)
 
     def ask(self, *words):
         """Run a tool, and return its exit code and what it says."""
         process = self.tool(*words)
-        out, error = process.communicate(timeout=60)
-        return process.returncode, out + error
+        said = "".join(process.communicate(timeout=60))
+        return process.returncode, said
 
     def moves(self):
         twist = self.odometry[-1].twist.twist if self.odometry else Odometry().twist.twist
@@ -72,7 +70,7 @@ class Robot:
 
 def test_what_stops_the_wheels(launch, runner, peer, wait_for):
     robot = Robot(launch, str(runner.context.get_domain_id()), peer, wait_for)
-    for name in ("turtlebot_simulator", "cmd_vel_guard", "cmd_vel_standby", *LOOP):
+    for name in ("turtlebot_simulator", *GUARDS, *LOOP):
         robot.start(name)
     ends = ("publishes: /cmd_vel_guard", "publishes: /cmd_vel_standby", "subscribes: /turtlebot_simulator")
     wait_for(lambda: all(end in robot.ask("topics", "cmd_vel")[1] for end in ends))  # 1

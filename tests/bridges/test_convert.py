@@ -20,7 +20,6 @@ from turtlebot_gym_ros.node.convert import conversion, register
 from turtlebot_gym_ros.node.geometry import _yaw_of, quaternion_of
 
 HEADER = Header(frame_id="odom")
-X, Y, Z, ROLL, PITCH, YAW = range(6)
 P = Covariance(xx=0.11, xy=0.12, xt=0.13, yy=0.22, yt=0.23, tt=0.33, vv=0.44, ww=0.55)
 BELIEF = Belief(State(1.0, 2.0, math.pi / 3.0, 0.4, -0.5), P)
 
@@ -120,7 +119,6 @@ def test_a_type_of_ones_own_can_be_registered():
 
 FIX = Fix(Pose(1.0, 2.0, 0.5), (0.01, 0.02, 0.03), 0.0, True)
 ODOMETRY = values.Odometry(Pose(1.0, 2.0, 0.5), Command(0.1, 0.2), True)
-POSITION = Fix(Pose(1.0, 2.0, 0.0), (0.01, 0.02, math.inf), 0.0, True)
 
 
 @pytest.mark.parametrize(

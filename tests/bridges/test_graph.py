@@ -31,13 +31,6 @@ def test_it_drives_the_square_in_one_process():
     assert np.isfinite(trajectory.true_state).all()
 
 
-def test_graphs_in_one_process_do_not_disturb_each_other():
-    with Graph(namespace="a", seed=1, laps=1000) as driving, Graph(namespace="b", mode="teleoperation") as other:
-        driving.wait_until(lambda graph: graph.latest["true_state"].x > 0.3)
-        assert other.latest["true_state"][:3] == (0.0, 0.0, 0.0)
-        assert "reference" not in other.latest
-
-
 @pytest.mark.parametrize(("stamped", "kind"), [(True, TwistStamped), (False, Twist)])
 def test_a_person_drives_with_the_type_of_velocity_that_is_configured(peer, wait_for, stamped, kind):
     with Graph(mode="teleoperation", noise="clean", enable_stamped_cmd_vel=stamped) as graph:

@@ -22,15 +22,10 @@ def schedules(kinds):
     return st.lists(events, min_size=4, max_size=16)
 
 
-def search(check, number, *, draw=0, kinds=KINDS):
+def search(check, number, *, draw, kinds):
     """Let hypothesis draw so many schedules, the same for the same draw."""
-    options = settings(
-        max_examples=number,
-        database=None,
-        deadline=None,
-        phases=[Phase.generate, Phase.shrink],
-        suppress_health_check=list(HealthCheck),
-    )
+    how = {"database": None, "deadline": None, "suppress_health_check": list(HealthCheck)}
+    options = settings(max_examples=number, phases=[Phase.generate, Phase.shrink], **how)
     seed(draw)(options(given(schedules(kinds))(check)))()
 
 
@@ -38,34 +33,23 @@ DAILY = 300
 """Schedules of a day's search."""
 
 
+NIGHTLY = [pytest.param(KINDS, 1000, share, marks=pytest.mark.nightly) for share in range(10)]
+"""1,000 schedules in each share: 10,000 in all."""
+
+
 @pytest.mark.parametrize(
-    ("share", "number"), [(0, DAILY), *(pytest.param(k, 1000, marks=pytest.mark.nightly) for k in range(10))]
+    ("kinds", "number", "share"),
+    [(KINDS, DAILY, 0), *NIGHTLY, (BUTTONS, DAILY, 0), pytest.param(BUTTONS, 1000, 0, marks=pytest.mark.nightly)],
 )
-def test_the_law_holds(share, number):
-    """1,000 schedules in each share: 10,000 in all."""
+def test_the_law_holds(kinds, number, share):
     moved = []
 
     def check(schedule):
-        world = World(
-            schedule, start=1234.5 + 77.7 * share, start_enabled=share < 8, speed_scale=0.5 if share in (6, 7) else 1.0
-        )
+        scale = 0.5 if share in (6, 7) else 1.0
+        world = World(schedule, start=1234.5 + 77.7 * share, start_enabled=share < 8, speed_scale=scale)
         moved.append(any((v, omega) != (0.0, 0.0) for _, v, omega in world.log.told))
         assert not judge(world.log)
 
-    search(check, number, draw=share)
+    search(check, number, draw=share, kinds=kinds)
     assert len(moved) >= number
     assert sum(moved) > 0.1 * len(moved)  # a guard that lets nothing pass would keep the law too
-
-
-@pytest.mark.parametrize("number", [DAILY, pytest.param(1000, marks=pytest.mark.nightly)])
-def test_the_law_of_the_buttons_holds(number):
-    """Schedules of what happens to buttons, on a radio too."""
-    moved = []
-
-    def check(schedule):
-        world = World(schedule, start_enabled=True)
-        moved.append(any((v, omega) != (0.0, 0.0) for _, v, omega in world.log.told))
-        assert not judge(world.log)
-
-    search(check, number, kinds=BUTTONS)
-    assert sum(moved) > 0.1 * len(moved)

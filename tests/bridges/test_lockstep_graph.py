@@ -5,6 +5,7 @@ import signal
 import pytest
 from std_srvs.srv import Trigger
 
+from harness.machine import busy
 from turtlebot_gym import NOISES, write_parameters
 from turtlebot_gym_ros import Graph
 
@@ -58,7 +59,7 @@ def test_the_graph_is_the_environment(compare, tmp_path, parameters, processes, 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("processes", [False, True])
-def test_a_busy_machine_changes_no_number(compare, busy, processes):
+def test_a_busy_machine_changes_no_number(compare, processes):
     drive = compare.SquareDrive()
     expected = compare.episode(drive, STEPS)
     with busy(4):

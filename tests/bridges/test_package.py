@@ -44,12 +44,9 @@ def test_the_configuration_names_nodes_and_parameters_that_exist_and_moves_nothi
     assert SHELLS["kalman_filter"].Params(**config["kalman_filter"]).noise == "wheel"
 
 
-@pytest.fixture(params=[*LAUNCHES, GUARDS], ids=lambda path: path.stem)
-def launch_file(request):
-    return ElementTree.parse(request.param).getroot()
-
-
-def test_a_launch_file_starts_nodes_and_parameters_that_exist_again_and_again(launch_file):
+@pytest.mark.parametrize("path", [*LAUNCHES, GUARDS], ids=lambda path: path.stem)
+def test_a_launch_file_starts_nodes_and_parameters_that_exist_again_and_again(path):
+    launch_file = ElementTree.parse(path).getroot()
     for node in launch_file.iter("node"):
         name = node.get("name")
         assert node.get("respawn") == (None if name == "rviz2" else "true")

@@ -61,8 +61,6 @@ def test_old_inputs_stop(make_bench):
     [
         (lambda: 1 / 0, "ZeroDivisionError"),
         (lambda: {"command": Command(math.nan, 0.0)}, "must be finite"),
-        pytest.param(lambda: {"command": Command(0.1, -math.inf)}, "must be finite", marks=pytest.mark.nightly),
-        pytest.param(lambda: None, "AttributeError", marks=pytest.mark.nightly),
     ],
 )
 def test_a_step_that_fails_stops(make_bench, act, said):
@@ -106,19 +104,6 @@ def test_blocked_steps_stop(make_bench):
     assert set(bench.speeds[bench.speeds.index(0.0) :]) == {0.0}
 
 
-def test_the_emergency_stop_stops(make_bench):
-    bench = make_bench()
-    emergency = bench.peer.speak("emergency_stop", Bool)
-    bench.wait_for(emergency.get_subscription_count)
-    bench.drive()
-    emergency.publish(Bool(data=True))
-    bench.stops("emergency stop")
-    assert bench.enable().message == "the emergency stop is silent"  # pressed 2 s ago, and not heard since
-    bench.wait_for(lambda: bench.advance(0.2) and (emergency.publish(Bool(data=False)) or bench.enable().success))
-    bench.now.at += 0.01
-    bench.drive()
-
-
 def test_a_press_counts_however_short_and_every_button_must_be_released(make_bench):
     bench = make_bench()
     buttons = [bench.peer.speak("emergency_stop", Bool, 1) for _ in range(2)]
@@ -140,7 +125,10 @@ def test_a_press_counts_however_short_and_every_button_must_be_released(make_ben
     for _ in range(8):
         say(False, True)
     assert bench.enable().message == "the emergency stop is pressed"
+    assert bench.speeds[-1] == 0.0
     bench.wait_for(lambda: say(False, False) or bench.enable().success)
+    bench.now.at += 0.01
+    bench.drive()
 
 
 @pytest.mark.parametrize(
@@ -148,14 +136,7 @@ def test_a_press_counts_however_short_and_every_button_must_be_released(make_ben
     [
         ("the pose must be finite", {"x": math.nan}),
         ("stamp", {"dt": -0.05}),
-        *(
-            pytest.param(*case, marks=pytest.mark.nightly)
-            for case in (
-                ("its frame is 'map' instead of 'odom'", {"frame": "map"}),
-                ("the quaternion (0.0, 0.0, 0.0, 0.0) has norm 0", {"norm": 0.0}),
-                ("stamp", {"dt": 0.0}),
-            )
-        ),
+        pytest.param("its frame is 'map' instead of 'odom'", {"frame": "map"}, marks=pytest.mark.nightly),
     ],
 )
 def test_odometry_that_is_none_is_refused_and_counts_as_missing(make_bench, said, broken):
@@ -196,17 +177,6 @@ def silence(bench, publisher):
     before = count()
     bench.peer.node.destroy_publisher(publisher)
     bench.wait_for(lambda: count() == before - 1)
-
-
-def test_a_second_source_stops_while_it_is_there(make_bench):
-    bench = driving(make_bench, make=SoleMover)
-    other = speak_beside(bench)
-    for _ in range(5):
-        bench.send()
-    bench.stops(several := "2 nodes publish /odom, where one may; a killed one counts for 20 s")
-    assert bench.enable().message == several
-    silence(bench, other)
-    bench.drive()  # the first one is there as before
 
 
 @pytest.mark.parametrize("beside", [False, pytest.param(True, marks=pytest.mark.nightly)])

@@ -78,24 +78,19 @@ def logged(tmp_path, monkeypatch):
 )
 def test_the_graph_is_the_environment(compare, logged, world, lidar, noise, seed, processes):
     drive = compare.RoomDrive("logged_policy:Logged", world=world, lidar=lidar, noise=noise, seed=seed)
-    expected, given = logged(compare.room_episode, drive)
-    steps = len(expected.clearance) - 1
-    live, seen = logged(compare.room_live, drive, steps, processes=processes)
+    given_alike(compare, logged, drive, processes=processes)
+
+
+def given_alike(compare, logged, drive, *steps, shown=50, processes=False):
+    """Return the observations and actions of some steps or all, after it is sure that the graph's are the environment's."""
+    expected, given = logged(compare.room_episode, drive, *steps, shown=shown)
+    count = len(expected.clearance) - 1
+    live, seen = logged(compare.room_live, drive, count, shown=shown, processes=processes)
     differ = compare.room_differences(expected, live)
     assert max(differ.values()) == 0.0, differ
-    assert steps == len(given) <= len(seen)
-    np.testing.assert_array_equal(seen[:steps], given)  # each observation of 50 numbers, and each action
+    assert count == len(given) <= len(seen)
+    np.testing.assert_array_equal(seen[:count], given)
     assert room_metrics(live) == room_metrics(expected)
-
-
-def given_alike(compare, logged, drive, steps, *, shown):
-    """Return the observations and actions of some steps, after it is sure that those of the graph are the environment's."""
-    expected, given = logged(compare.room_episode, drive, steps, shown=shown)
-    live, seen = logged(compare.room_live, drive, steps, shown=shown)
-    differ = compare.room_differences(expected, live)
-    assert max(differ.values()) == 0.0, differ
-    assert len(given) == steps <= len(seen)
-    np.testing.assert_array_equal(seen[:steps], given)
     return given
 
 

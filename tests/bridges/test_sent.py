@@ -104,8 +104,9 @@ def test_a_lead_follows_two_clocks_that_drift_apart():
 def test_a_complaint_says_what_to_do():
     ages = Ages(clock())
     old = age(ages, header=99.0, source=99.5)
-    remedy = "it is late, or its clock is behind: synchronize both clocks (chrony)"
-    assert old.complaint(0.5) == f"1.00 s old by its header's stamp, more than 0.5 s: {remedy}"
+    assert old.complaint(0.5).startswith(
+        "1.00 s old by its header's stamp, more than 0.5 s: it is late, or its clock is behind"
+    )
     assert old.complaint(0.5, lasts=0.5) == ""
     assert old.complaint(0.4, lasts=5.0).startswith("1.00 s old")  # a long revolution does not excuse a late message
     assert old.complaint(1.0, sent=0.4).startswith("sent 0.50 s ago, more than 0.4 s: it is late")

@@ -128,12 +128,6 @@ def test_each_input_that_moves_a_robot_has_one_source_but_for_what_persons_and_f
     assert {"estimate", "next_reference", "nis", "odom", "reference", "room_goal", "scan"} == ends.keys() - others
 
 
-def test_a_robot_that_hears_another_type_of_command_is_named(make_bench):
-    status = make_bench(enable_stamped_cmd_vel=False).report("/cmd_vel: /peer has geometry_msgs/msg/TwistStamped, this node ")
-    assert status.level == DiagnosticStatus.ERROR
-    assert "Start this one with -p enable_stamped_cmd_vel:=true" in status.message
-
-
 @pytest.mark.parametrize("group", [None, FastGroup])
 def test_a_callback_that_fails_on_a_message_ends_nothing_and_is_counted_and_reported(peer, another_runner, wait_for, group):
     worker, heard = Node("worker", context=another_runner.context), []

@@ -162,7 +162,6 @@ def test_a_lidar_that_is_blind_beyond_the_stop_zone_is_refused():
 
 # Where a scan says nothing.
 
-FREE, SLOW, STOPPED = "", "slowed down: the scan says nothing about what is ahead", "stopped"
 AHEAD, BACK = Command(0.2, 0.0), Command(-0.2, 0.0)
 
 
@@ -172,23 +171,22 @@ def with_gap(width_deg, at_deg, around=2.0, beams=360):
     return scan(np.where(off < 0.5 * width_deg, np.nan, around), range_min=0.0)
 
 
-def part(width_deg):
-    """A LiDAR that looks ahead, over a part of the circle."""
-    beams = width_deg + 1
-    return scan([2.0] * beams, angle_min=-math.radians(0.5 * width_deg), angle_increment=math.radians(1.0))
-
-
-GAPS = {
-    "every second beam": (scan([2.0, np.nan] * 180), FREE, FREE),
-    "20 degrees ahead, as wide as the robot further away": (with_gap(20.0, 0.0), FREE, FREE),
-    "20 degrees ahead, between near things": (with_gap(20.0, 0.0, around=0.165), STOPPED, STOPPED),
-    "60 degrees ahead": (with_gap(60.0, 0.0), SLOW, FREE),
-    "60 degrees behind": (with_gap(60.0, 180.0), FREE, SLOW),
-    "60 degrees that returned nothing": (scan([np.inf] * 30 + [2.0] * 301 + [np.inf] * 29), FREE, FREE),
-    "a LiDAR of 180 degrees": (part(180), FREE, SLOW),
-    "a LiDAR that closes the circle": (scan([2.0] * 361, angle_increment=math.radians(1.0)), FREE, FREE),
-    "clockwise, from behind": (scan([2.0] * 360, angle_min=math.pi, angle_increment=-math.radians(1.0)), FREE, FREE),
-}
+@pytest.mark.parametrize(
+    ("there", "ahead", "back"),
+    [
+        (scan([2.0, np.nan] * 180), 0.2, -0.2),
+        (with_gap(20.0, 0.0), 0.2, -0.2),  # as wide as the robot further away
+        (with_gap(20.0, 0.0, around=0.165), 0.0, 0.0),
+        (with_gap(60.0, 0.0), 0.04, -0.2),
+        (with_gap(60.0, 180.0), 0.2, -0.04),
+        (scan([2.0] * 361, angle_increment=math.radians(1.0)), 0.2, -0.2),  # closes the circle
+    ],
+)
+def test_a_wide_gap_slows_down_what_drives_into_it_and_nothing_else(there, ahead, back):
+    for command, passes in ((AHEAD, ahead), (BACK, back)):
+        monitor = standing()
+        monitor.hear(there, sent=T)
+        assert monitor.limit(command, T).v == pytest.approx(passes, rel=0.05)
 
 
 def test_unknown_space_is_entered_slowly_and_then_no_more_until_the_robot_has_moved_where_it_sees():
@@ -394,14 +392,12 @@ def test_a_robot_in_its_stop_zone_may_turn_where_its_footprint_sweeps_nothing_an
 
 
 def test_the_parameters_are_those_of_the_monitor():
-    given = {"scan_x": 0.1, "scan_y": 0.2, "scan_yaw": 0.3, "footprint_x": 0.4, "scan_frame": "front"}
-    own = Arbiter(Parameters(collision_monitor=True, scan_mount="given", **given), T).monitor
-    assert own._body == Footprint(0.105, 0.4, Mount("front", 0.1, 0.2, 0.3))
-    waffle = {"max_linear": 0.26, "max_angular": 1.82, "radius": 0.22, "footprint_x": -0.064, "scan_x": -0.064}
+    body = {"max_linear": 0.26, "max_angular": 1.82, "radius": 0.22, "footprint_x": -0.064}
+    mount = {"scan_x": 0.1, "scan_y": 0.2, "scan_yaw": 0.3, "scan_frame": "front", "scan_mount": "given"}
     kept = {"collision_margin": 0.01, "scan_error": 0.02, "collision_time": 3.0, "escape_speed": 0.03}
-    preset = Parameters(collision_monitor=True, scan_age=0.1, scan_period=0.3, reaction=0.15, scan_frame="s", **kept, **waffle)
-    monitor = Arbiter(preset, T).monitor
-    assert monitor._body == Footprint(0.22, -0.064, Mount("s", -0.064, 0.0, 0.0))
+    times = {"scan_age": 0.1, "scan_period": 0.3, "reaction": 0.15}
+    monitor = Arbiter(Parameters(collision_monitor=True, **body, **mount, **kept, **times), T).monitor
+    assert monitor._body == Footprint(0.22, -0.064, Mount("front", 0.1, 0.2, 0.3))
     assert monitor._limits == Limits(margin=0.01, error=0.02, time=3.0, escape_speed=0.03)
     assert monitor._timing == Timing(age=0.1, period=0.3, reaction=0.15, returns=0.02)
     assert monitor._reach == pytest.approx((0.26 + 1.82 * 0.064) * 3.55)

@@ -136,21 +136,6 @@ def test_without_its_standby_the_guard_stands_and_goes_on_with_it(driving, launc
     probe.until_driving()
 
 
-@pytest.mark.nightly
-def test_a_press_while_the_guard_is_suspended_is_not_lost(driving, probe):
-    guard, _ = driving()
-    guard.send_signal(signal.SIGSTOP)
-    time.sleep(0.5)
-    probe.pressed = True
-    time.sleep(0.3)
-    probe.pressed = False
-    time.sleep(3.0)
-    probe.heard.clear()
-    guard.send_signal(signal.SIGCONT)
-    probe.until_standing("emergency stop")
-    assert set(probe.heard) <= {STOP}
-
-
 def test_emergency_stop(start, probe):
     start()
     probe.until_driving()
@@ -200,21 +185,14 @@ def test_a_second_source_of_an_input_stops_the_robot_until_it_is_gone(start, lau
     assert first is None or first.get_subscription_count()
 
 
-@pytest.mark.parametrize(
-    ("words", "first", "second"),
-    [
-        (["-r", "__ns:=/robot1", "-r", "cmd_vel_in:=/robot1/cmd_vel"], "cmd_vel", "cmd_vel_in"),
-        pytest.param(
-            ["-r", "cmd_vel_in:=j", "-r", "cmd_vel_teleop:=j"], "cmd_vel_in", "cmd_vel_teleop", marks=pytest.mark.nightly
-        ),
-    ],
-)
-def test_a_guard_that_would_hear_itself_or_one_source_twice_is_refused(start, words, first, second):
-    process = start(*words)
+@pytest.mark.parametrize(("first", "second"), [("cmd_vel", "cmd_vel_in"), ("cmd_vel_in", "cmd_vel_teleop")])
+def test_a_guard_that_would_hear_itself_or_one_source_twice_is_refused(start, first, second):
+    process = start("-r", f"{second}:={first}")
     _, stderr = process.communicate(timeout=30.0)
-    assert process.returncode == 2
-    assert stderr.startswith(f"error: {first} and {second} must be different topics, got /")
-    assert stderr.count("\n") == 1
+    assert (process.returncode, stderr) == (
+        2,
+        f"error: {first} and {second} must be different topics, got /{first} for both.\n",
+    )
 
 
 def test_a_disagreement_stops_the_robot_until_it_is_enabled(start, probe, peer):
@@ -273,6 +251,3 @@ def test_commands_are_limited_by_what_the_lidar_sees_and_need_its_scans(seeing, 
     probe.scan_age = 0.5
     probe.until_told(lambda each: each != STOP)
     assert seeing.poll() is None
-
-
-# Several robots in one graph: button, enabling and commands are one robot's, unless a topic is shared on purpose.

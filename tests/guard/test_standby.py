@@ -154,16 +154,15 @@ def test_an_orphan_ends_when_nobody_was_there_for_a_while_and_a_child_never(stan
     assert not node.may_end(False)
 
 
-@pytest.mark.parametrize("ends", [CmdVelStandby.halt])
 @pytest.mark.parametrize("moves", [True, False])
-def test_the_last_word_of_a_standby_is_zero_if_a_motion_is_in_force(standby, peer, wait_for, ends, moves):
+def test_the_last_word_of_a_standby_is_zero_if_a_motion_is_in_force(standby, peer, wait_for, moves):
     (node, guard), heard = standby, peer.hear("cmd_vel", TwistStamped)
     wait_for(lambda: guard.get_subscription_count() == 2 and node._velocity.get_subscription_count() == 2)
     motion = TwistStamped()
     motion.twist.linear.x = 0.1 if moves else 0.0
     guard.publish(motion)
     wait_for(lambda: heard)
-    ends(node)
+    node.halt()
     guard.publish(motion)
     wait_for(lambda: len(heard) > 1 and heard[-1].twist == motion.twist)
     assert [message.twist for message in heard] == [motion.twist, *[Twist()] * (3 * moves), motion.twist]

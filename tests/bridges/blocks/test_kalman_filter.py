@@ -13,7 +13,7 @@ from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 from turtlebot_gym_ros.node.block import Resume, Stamped
 
-COMMAND, AHEAD = Command(0.15, 0.4), Command(0.2, 0.0)
+COMMAND = Command(0.15, 0.4)
 
 
 pytestmark = pytest.mark.filterwarnings("ignore:filter '.*' changes nothing")  # with its noise, which is said

@@ -6,12 +6,6 @@ import pytest
 from turtlebot_gym.values import Command
 from turtlebot_gym_ros.blocks import SimulatedTeleop, TurtlebotSimulator
 
-COMMANDS = [Command(*pair) for pair in np.random.default_rng(0).uniform(-3.0, 3.0, (200, 2)).tolist()]
-
-
-def simulator(**parameters):
-    return TurtlebotSimulator(TurtlebotSimulator.Params(**parameters))
-
 
 def test_a_drawn_room_has_the_map_of_the_environments_localizer_anew_in_each_episode():
     node = TurtlebotSimulator(TurtlebotSimulator.Params(world="dense", noise="wheel", localizer="match", goals=2, seed=3))

@@ -54,38 +54,25 @@ def test_a_pose_from_rviz_takes_the_place_of_all_waypoints():
     assert reference(node) == SQUARE_WAYPOINTS[0]
 
 
-EXPECTED = [Pose(1.0, 2.0, 0.5), Pose(-1.0, 0.0, 0.0)]
+EXPECTED = {"reference": Pose(1.0, 2.0, 0.5), "following": Pose(-1.0, 0.0, 0.0)}
+FILES = [
+    ("a.yaml", "[[1, 2, 0.5], [-1, 0, 0]]", EXPECTED),
+    ("a.yml", "waypoints:\n  - [1, 2, 0.5]\n  - [-1, 0, 0]\n", EXPECTED),
+    ("a.csv", "x,y,theta\n1,2,0.5\n-1,0,0\n", EXPECTED),
+    ("a.csv", "# comment\n1, 2, 0.5\n\n-1, 0, 0\n", EXPECTED),
+    *((name, text, None) for name, text in (("a.yaml", "[[1, 2]]"), ("a.yaml", "hello"), ("a.yaml", "[[1, .nan, 0]]"))),
+    *((name, text, None) for name, text in (("a.csv", "x,y,theta\n1,2\n"), ("a.txt", "1 2 3"))),
+]
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("a.yaml", "[[1, 2, 0.5], [-1, 0, 0]]"),
-        ("a.yml", "waypoints:\n  - [1, 2, 0.5]\n  - [-1, 0, 0]\n"),
-        ("a.csv", "x,y,theta\n1,2,0.5\n-1,0,0\n"),
-        ("a.csv", "# comment\n1, 2, 0.5\n\n-1, 0, 0\n"),
-    ],
-)
-def test_files(tmp_path, name, text):
+@pytest.mark.parametrize(("name", "text", "read"), FILES)
+def test_a_file_of_waypoints_is_read_or_refused(tmp_path, name, text, read):
     (tmp_path / name).write_text(text)
-    node = generator(waypoints=str(tmp_path / name))
-    assert node.step(0.1, None, None) == {"reference": EXPECTED[0], "following": EXPECTED[1]}
-
-
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("a.yaml", "[[1, 2]]"),
-        ("a.yaml", "hello"),
-        ("a.yaml", "[[1, .nan, 0]]"),
-        ("a.csv", "x,y,theta\n1,2\n"),
-        ("a.txt", "1 2 3"),
-    ],
-)
-def test_a_malformed_file_is_refused(tmp_path, name, text):
-    (tmp_path / name).write_text(text)
-    with pytest.raises(ValueError, match="waypoints must be"):
-        generator(waypoints=str(tmp_path / name))
+    if read:
+        assert generator(waypoints=str(tmp_path / name)).step(0.1, None, None) == read
+    else:
+        with pytest.raises(ValueError, match="waypoints must be"):
+            generator(waypoints=str(tmp_path / name))
 
 
 # Goals on their way.
