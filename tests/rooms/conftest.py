@@ -19,12 +19,10 @@ from turtlebot_gym.rooms.sensing import BLOCK, ROOM, cast
 def empty_scene() -> Callable[..., Scene]:
     """Return a function that makes a scene large enough for some rules."""
 
-    def make(rules: RoomRules | str, *, beams: int = 8) -> Scene:
+    def make(rules: RoomRules | str) -> Scene:
         rules = ROOMS[rules] if isinstance(rules, str) else rules
-        circles, boxes = capacity(rules)
-        length, width = 2.0 * rules.half_length, 2.0 * rules.half_width
-        sizes = {"circles": circles, "boxes": boxes, "length": length, "width": width, "beams": beams}
-        return scene_at(make_scenes(1, **sizes, people=circles), 0)
+        (circles, boxes), length, width = capacity(rules), 2.0 * rules.half_length, 2.0 * rules.half_width
+        return scene_at(make_scenes(1, circles=circles, boxes=boxes, length=length, width=width, beams=8, people=circles), 0)
 
     return make
 

@@ -53,7 +53,7 @@ def starts(plan):
         (BOX, "1 2 1 0 1.5708 0", (1.0, 2.1), (1.6, 2.0)),  # it stands on its end
         (PILLAR, "1 2 0.5 0 0 0", (1.1, 2.1), (1.2, 2.2)),
         ("<sphere><radius>0.5</radius></sphere>", "1 2 0.48 0 0 0", (1.35, 2.0), (1.45, 2.0)),  # cut 0.3 m below its centre
-        ("<box><size>1 1 0.1</size></box>", "1 2 0.05 0 0 0", (1.4, 2.4), (1.6, 2.0)),  # low, and no robot climbs it
+        ("<box><size>1 1 0.1</size></box>", "1 2 0.05 0 0 0", (1.4, 2.4), (1.6, 2.0)),  # no robot climbs it
         ("<box><size>1 0.01 1</size></box>", "1 2 0.5 0 0 0.3", (1.0, 2.0), (1.0, 2.2)),  # narrower than a cell
         ("<cylinder><radius>0.1</radius><length>2</length></cylinder>", "1 2 0.18 1.2 0 0", (1.0, 2.0), (1.3, 2.0)),
         ("<ellipsoid><radii>1 0.3 0.4</radii></ellipsoid>", "1 2 0.18 0 0 0", (1.9, 2.0), (1.0, 2.4)),
@@ -94,12 +94,11 @@ def test_a_pose_is_that_of_what_holds_it(tmp_path, models, place):
 
 def library(folder, name="shelf"):
     """Write a model into a folder of models, its newest file under another name than the others."""
-    home = folder / name
-    home.mkdir(parents=True)
-    (home / "model.config").write_text('<model><sdf version="1.10">new.sdf</sdf><sdf version="1.5">model.sdf</sdf></model>')
-    (home / "new.sdf").write_text(f'<sdf version="1.10">{model(PILLAR, "5 5 0 0 0 0", name="shelf")}</sdf>')
-    (home / "model.sdf").write_text("<sdf/>")
-    return home
+    (folder / name).mkdir(parents=True)
+    config = '<model><sdf version="1.10">new.sdf</sdf><sdf version="1.5">model.sdf</sdf></model>'
+    shelf = f'<sdf version="1.10">{model(PILLAR, "5 5 0 0 0 0", name="shelf")}</sdf>'
+    for file, text in (("model.config", config), ("new.sdf", shelf), ("model.sdf", "<sdf/>")):
+        (folder / name / file).write_text(text)
 
 
 MOVED = '<uri>model://shelf</uri><pose degrees="1">1 2 0 0 0 9</pose><name>n</name><static>0</static>'

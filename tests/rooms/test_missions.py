@@ -1,14 +1,11 @@
-"""Missions: successive goals, the same compiled and in plain Python, and counted by the truth."""
+"""Missions: successive goals, the same compiled and in plain Python."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.heart import Episode
-from turtlebot_gym.presets import WHEEL
 from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import Task
@@ -62,18 +59,3 @@ def test_a_goal_that_is_not_reached_in_time_is_given_up_and_the_mission_ends_wit
     reached = [episode.step(Command(0.0, 0.0)).reached for _ in range(60)]
     assert np.flatnonzero(reached).tolist() == [19, 39, 59]
     assert (episode.outcome.terminated, episode.outcome.is_success) == (True, False)
-
-
-def test_goals_are_counted_by_the_truth():
-    pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
-    from turtlebot_gym_agents.evaluation.evaluate import evaluate
-
-    options = {"env": "turtlebot_gym/TurtleBotMissions-v0", "world": "clutter", "lidar": "ideal", "goals": 4, "episodes": 16}
-    options["noise"] = replace(WHEEL, process=replace(WHEEL.process, scale=1.2))  # of which the filter is not told
-    seeing, believing = evaluate("vfh", observation="truth", seed=3, **options), evaluate("vfh", seed=3, **options)
-    assert (seeing.episodes.false_arrivals == 0).all()
-    assert (seeing.episodes.arrivals <= seeing.episodes.given).all()
-    assert seeing.episodes.arrivals.sum() > 0.9 * seeing.episodes.given.sum()
-    assert (seeing.episodes.astray == 0.0).all()
-    assert believing.episodes.false_arrivals.sum() > 0
-    assert believing.summary()["goals"].value < seeing.episodes.arrivals.sum() / seeing.episodes.given.sum()
