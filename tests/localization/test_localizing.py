@@ -24,14 +24,21 @@ IN_OFFICE = {"world": "office", "noise": "wheel"}
 HALL = FloorPlan(walls=(0.0, 0.0, 2.5, 2.0), boxes=((0.5, 0.5, 1.0, 0.3, 0.4),), start=Pose(-1.5, -1.0, 0.3))
 
 
-def errors(batch, steps, drives):
-    """Drive with random commands, and return the errors of the position, m, shape (steps, N)."""
-    rng, off = np.random.default_rng(0), []
+def batch_of(drives, localizer="match", noise="wheel", **options):
+    """Return a batch whose episodes have begun, with its plan."""
+    p, waypoints, plan, _ = Options(localizer=localizer, noise=noise, **options).setup()
+    batch = Batch(drives, p, waypoints, plan=plan)
     batch.seeds[:] = np.arange(drives)
     batch.reset(np.ones(drives, np.bool_), *batch.empty())
+    return batch
+
+
+def errors(batch, steps):
+    """Drive with random commands, and return the errors of the position, m, shape (steps, N)."""
+    rng, off = np.random.default_rng(0), []
     for step in range(steps):
         if step % 10 == 0:
-            actions = rng.uniform([0.0, -0.5], [0.6, 0.5], (drives, 2)).astype(np.float32)
+            actions = rng.uniform([0.0, -0.5], [0.6, 0.5], (batch.num_envs, 2)).astype(np.float32)
         batch.step(actions)
         off.append(difference(batch.numbers("estimate.belief.mean"), batch.numbers("body.true_state"))[:, :2])
     return np.hypot(*np.moveaxis(off, 2, 0))
@@ -76,20 +83,16 @@ def test_evidence_shows_deviations_ahead_and_aside_fit_and_weight_before_the_sca
 
 
 def test_scans_keep_the_error_of_the_wheels_from_growing():
-    off = {}
-    for localizer in (None, "match"):
-        p, waypoints, _, _ = Options(world="office", noise="wheel", localizer=localizer).setup()
-        off[localizer] = errors(Batch(8, p, waypoints), 600, 8)
-    assert np.median(off["match"][-300:]) < min(0.02, 0.25 * np.median(off[None][-300:]))
+    wheels, located = (errors(batch_of(8, localizer, world="office"), 600)[-300:] for localizer in (None, "match"))
+    assert np.median(located) < min(0.02, 0.25 * np.median(wheels))
 
 
 def test_obstacles_that_the_map_alone_has_hide_none_of_the_room_and_mislead_little():
     fields, rooms, off = [], [], []
     for share in (0.0, 0.3, 1.0):
         world = {**asdict(ROOMS["office"]), "vanished": share}
-        p, waypoints, _, _ = Options(world=world, noise="wheel", localizer="match").setup()
-        batch = Batch(16, p, waypoints)
-        off.append(np.median(errors(batch, 300, 16)))
+        batch = batch_of(16, world=world)
+        off.append(np.median(errors(batch, 300)))
         fields.append(batch.scenes.memory.field)
         rooms.append((batch.scenes.room.circles, batch.scenes.room.boxes))
     np.testing.assert_equal(rooms[1:], rooms[:1] * 2)
@@ -129,13 +132,10 @@ def test_each_assumption_changes_the_belief():
 def test_all_robots_share_the_field_of_a_map():
     grid = GridMap(cells=np.where(hall(), OCCUPIED, FREE), resolution=0.05, origin=(1.0, 2.0, 0.3))
     plan = FloorPlan(walls=grid.walls(), map=grid, max_distance=3.0)
-    p, waypoints, plan, _ = Options(world=plan, noise="wheel", localizer="match").setup()
-    batch = Batch(3, p, waypoints, plan=plan)
-    batch.reset(np.ones(3, np.bool_), *batch.empty())
-    batch.step(np.zeros((3, 2), np.float32))
+    batch = batch_of(3, world=plan)
     assert batch.scenes.memory.field.shape[0] == 1
+    assert errors(batch, 20).max() < 0.05
     np.testing.assert_array_equal(batch.system.surroundings.at(batch.scenes, 2).memory.field, make_room(hall()).field)
-    assert errors(batch, 20, 3).max() < 0.05
 
 
 @pytest.mark.parametrize(

@@ -53,13 +53,7 @@ def test_deskewed_ends_lie_on_the_surfaces_that_they_hit():
 def test_the_beams_are_spread_over_those_with_a_measurement_and_successive_scans_use_all():
     timing, trail = Timing(0.0, 0.0, 0.0, 0.0, 400.0), np.zeros((2, 4))
     ranges = np.array([1.0, np.nan, np.inf, 0.0, -1.0, 400.5, 2.0, 3.0], np.float32)
-    for turn, most, expected in (
-        (0, 2, [2.0]),
-        (1, 2, [1.0, 3.0]),
-        (2, 2, [2.0]),
-        (0, 3, [1.0, 2.0, 3.0]),
-        (5, 9, [1.0, 2.0, 3.0]),
-    ):
+    for turn, most, expected in ((0, 2, [2.0]), (1, 2, [1.0, 3.0]), (2, 2, [2.0]), (0, 3, [1, 2, 3]), (5, 9, [1, 2, 3])):
         points = np.empty((5, most))
         number = to_points(ranges, directions(np.linspace(0.0, 3.0, 8)), turn, timing, trail, points)
         np.testing.assert_array_equal(points[4, :number], expected)
