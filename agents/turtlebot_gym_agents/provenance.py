@@ -40,11 +40,6 @@ def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, An
     write_text(path, text + "\n")
 
 
-def replace_json(path: Path, content: Any) -> None:
-    """Write a value of JSON types; the file is replaced atomically."""
-    write_text(path, json.dumps(content, indent=1) + "\n")
-
-
 def plain(value: Any) -> Any:
     """Return a value as JSON types.
 

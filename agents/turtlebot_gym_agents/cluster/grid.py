@@ -34,9 +34,6 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 if TYPE_CHECKING:
     from rich.table import Table
 
-SETTINGS = ("env", *(item.name for item in fields(Options)))
-"""Settings that a grid may hold: the environment's id and its options."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class StudyGrid:
@@ -62,7 +59,7 @@ class StudyGrid:
         object.__setattr__(self, "compare_with", self.compare_with or self.policies[0])
         choose("compare_with", self.compare_with, dict.fromkeys(self.policies))
         for name in self.grid:
-            choose("grid", name, dict.fromkeys(SETTINGS))
+            choose("grid", name, dict.fromkeys(("env", *(item.name for item in fields(Options)))))
         for cell in self.cells():
             require_known(cell["env"], self.seed)
             for name in self.trainings:

@@ -32,7 +32,7 @@ def progress(total: int) -> Iterator[Callable[..., None]]:
     columns = (BarColumn(), TextColumn("{task.completed} of {task.total}"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=total)
-        yield lambda completed, total=None: bar.update(task, completed=completed, total=total)
+        yield lambda completed: bar.update(task, completed=completed)
 
 
 def save_figure(figure: Figure, path: Path) -> None:

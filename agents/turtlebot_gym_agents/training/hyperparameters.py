@@ -50,9 +50,8 @@ def for_steps(hyper: Mapping[str, Any], steps: int) -> dict[str, Any]:
     """
     if "n_steps" not in hyper:
         return dict(hyper)
-    number, most = hyper["n_envs"], max(FEWEST_ENVS, steps // (ROLLOUTS * hyper["n_steps"]))
-    fewer = min(number, most)
-    return {**hyper, "n_envs": fewer, "batch_size": hyper["batch_size"] * fewer // number}
+    fewer = min(hyper["n_envs"], max(FEWEST_ENVS, steps // (ROLLOUTS * hyper["n_steps"])))
+    return {**hyper, "n_envs": fewer, "batch_size": hyper["batch_size"] * fewer // hyper["n_envs"]}
 
 
 def override(hyper: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ seeds), ``policy.onnx`` (its bundle, once the run is done), ``result.json`` and 
 
 from __future__ import annotations
 
+import json
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,7 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
 from turtlebot_gym.compiled.threads import limited
-from turtlebot_gym_agents.provenance import replace_json
+from turtlebot_gym.files import write_text
 from turtlebot_gym_agents.training.callbacks import EvaluationCallback, RewardCallback
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 from turtlebot_gym_agents.training.export import export
@@ -58,7 +59,7 @@ def train(
     with closing(config.make_training()) as envs, closing(config.make_judging()) as judges:
         model = make_model(config, envs, tensorboard=folder / "tensorboard")
         record = {**config.record(), "device": model.device.type}
-        replace_json(folder / "config.json", record)
+        write_text(folder / "config.json", json.dumps(record, indent=1) + "\n")
         judge = EvaluationCallback(
             judges,
             path=folder / "best.zip",
@@ -84,5 +85,5 @@ def train(
         history=judge.history,
         stopped="until" if judge.stopped else None,
     )
-    replace_json(folder / "result.json", asdict(result))
+    write_text(folder / "result.json", json.dumps(asdict(result), indent=1) + "\n")
     return result
