@@ -1,12 +1,9 @@
-"""The cache of compiled functions: what a file is found by, who shares it, and what a terminal shows."""
+"""The cache of compiled functions: what a file is found by, and who shares it."""
 
 import os
-import pty
-import re
 import runpy
 import subprocess
 import sys
-from contextlib import suppress
 from dataclasses import replace
 from types import FunctionType
 
@@ -141,17 +138,16 @@ def here(tmp_path, monkeypatch, capsys):
     return run
 
 
-def start(folder, **options):
+def start(folder, **environment):
     """Start a process that runs the program with its cache in a folder."""
-    environment = os.environ | {"TURTLEBOT_GYM_CACHE_DIR": str(folder)} | options.pop("environment", {})
-    return subprocess.Popen(
-        [sys.executable, filed(folder, FUNCTION)], stdout=subprocess.PIPE, env=environment, text=True, **options
-    )
+    command, pipe = [sys.executable, filed(folder, FUNCTION)], subprocess.PIPE
+    environment = os.environ | {"TURTLEBOT_GYM_CACHE_DIR": str(folder)} | environment
+    return subprocess.Popen(command, stdout=pipe, stderr=pipe, env=environment, text=True)
 
 
 def test_another_process_loads_what_one_has_compiled_and_is_silent_without_a_terminal(tmp_path):
     for expected, seed in ((COMPILED, "0"), (LOADED, "5")):
-        process = start(tmp_path, environment={"PYTHONHASHSEED": seed}, stderr=subprocess.PIPE)
+        process = start(tmp_path, PYTHONHASHSEED=seed)
         printed, said = process.communicate(timeout=300)
         assert (printed.split(), said) == (expected, "")
         (file,) = (tmp_path / "turtlebot_gym").iterdir()
@@ -197,16 +193,3 @@ def test_files_that_nobody_used_for_the_longest_time_are_removed(tmp_path, monke
     monkeypatch.setattr(files, "MOST_BYTES", 250)
     files._tidy(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.bin", "1.bin"]
-
-
-def test_a_terminal_shows_what_is_compiled_and_how_long_it_took(tmp_path):
-    ours, theirs = pty.openpty()
-    process = start(tmp_path, stderr=theirs)
-    os.close(theirs)
-    text = b""
-    with suppress(OSError):  # the other end is closed
-        while chunk := os.read(ours, 4096):
-            text += chunk
-    os.close(ours)
-    process.communicate(timeout=300)
-    assert re.fullmatch(r"turtlebot_gym: compiling a function for this machine, once \.\.\. \d+\.\d s\r\n", text.decode())

@@ -1,6 +1,7 @@
 """Environments on a GPU have the bits of the engine: their kernels on this processor, and on a GPU where there is one."""
 
 import math
+import re
 import sys
 
 import gymnasium as gym
@@ -76,30 +77,22 @@ def results_of(step):
     return found
 
 
-def compare(engine, other, *, steps, seed=0, changed=lambda actions: actions):
-    """Return how many environment steps have the bits of the engine, how many do not, and how many episodes ended.
-
-    Args:
-        engine: Environments of the engine.
-        other: The same on a device.
-        steps: Number of steps.
-        seed: Of the environments and of the actions.
-        changed: ``changed(actions)`` returns the actions for the device.
-    """
-    rng, equal, ends = np.random.default_rng(seed), 0, 0
-    observations, info = engine.reset(seed=seed)
-    theirs, their_info = other.reset(seed=seed)
+def ends_of(engine, other):
+    """Return how many episodes ended in 200 steps, each with the bits of the engine."""
+    rng, ends = np.random.default_rng(0), 0
+    observations, info = engine.reset(seed=0)
+    theirs, their_info = other.reset(seed=0)
     assert same_rows([observations, info["distance"]], [theirs, their_info["distance"]]).all()
-    for _ in range(steps):
+    for _ in range(200):
         actions = actions_for(observations, rng)
-        one, two = engine.step(actions), other.step(torch.as_tensor(changed(actions), device=other.device))
+        one, two = engine.step(actions), other.step(torch.as_tensor(actions, device=other.device))
         if "final_obs" not in one[4]:
             assert not bool(two[4].get("_final_obs", torch.zeros(1)).any())
             two = (*two[:4], {key: two[4][key] for key in ("distance", "is_success")})
-        equal += np.count_nonzero(same_rows(results_of(one), results_of(two)))
+        assert same_rows(results_of(one), results_of(two)).all()
         ends += np.count_nonzero(one[2] | one[3])
         observations = one[0]
-    return equal, engine.num_envs * steps - equal, ends
+    return ends
 
 
 def pair(device, name, rows, **options):
@@ -108,29 +101,15 @@ def pair(device, name, rows, **options):
     return NavigationVectorEnv(rows, **options), NavigationDeviceEnv(rows, device=device, **options)
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-@pytest.mark.parametrize("name", ["default", "tutorial"])
+@pytest.mark.parametrize(("name", "mode"), [("default", "NextStep"), ("tutorial", "SameStep")])
 def test_a_device_has_the_bits_of_the_engine(device, name, mode):
-    equal, different, ends = compare(*pair(device, name, 50, autoreset_mode=mode), steps=200)
-    assert (equal, different) == (50 * 200, 0)
-    assert ends > 100, "few episodes ended: the test saw too little"
+    assert ends_of(*pair(device, name, 50, autoreset_mode=mode)) > 100, "few episodes ended: the test saw too little"
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_each_system_has_the_bits_of_the_engine_for_200000_steps(device, name):
-    equal, different, ends = compare(*pair(device, name, 1000, autoreset_mode="SameStep"), steps=200)
-    assert (equal, different) == (200_000, 0)
-    assert ends > 1000
-
-
-def test_the_comparison_notices_the_last_bit_of_an_action():
-    def changed(actions):
-        return np.nextafter(actions, np.float32(0.0))
-
-    equal, different, _ = compare(*pair("torch-cpu", "default", 50), steps=5, changed=changed)
-    assert different > 5 * 50 / 2 > equal
+    assert ends_of(*pair(device, name, 1000, autoreset_mode="SameStep")) > 1000
 
 
 def test_masks_and_seeds_begin_the_episodes_of_the_engine(device):
@@ -218,9 +197,8 @@ REFUSED = {
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_a_device_cannot_do_is_refused_before_anything_is_compiled(what, monkeypatch):
     monkeypatch.setattr(navigation_device, "DeviceBatch", lambda *args, **options: pytest.fail("compiled"))
-    with pytest.raises(ValueError, match="device='torch-cpu' cannot do") as caught:
+    with pytest.raises(ValueError, match=f"device='torch-cpu' cannot do {re.escape(what)}: leave device out"):
         NavigationDeviceEnv(2, device="torch-cpu", **REFUSED[what])
-    assert str(caught.value) == f"device='torch-cpu' cannot do {what}: leave device out, and the engine does."
 
 
 def test_a_kernel_that_calls_the_library_is_refused():
@@ -235,9 +213,9 @@ def test_parameters_cannot_be_changed(device):
         env.set_parameters(env.parameters)
 
 
-@pytest.mark.parametrize("name", ["gpu", "cuda:", "warp", "", None, 0])
-def test_an_unknown_device_is_refused(name):
-    with pytest.raises(ValueError, match="device must be 'cpu', 'cuda', 'cuda:1' and so on, or 'torch-cpu', got"):
+@pytest.mark.parametrize("name", ["gpu", "cuda:", "", None, 0, "cuda:99"])
+def test_an_unknown_or_missing_device_is_refused(name):
+    with pytest.raises(ValueError, match=r"device must be 'cpu', 'cuda'|device='cuda:99' is not there"):
         make_vector(2, device=name)
 
 
@@ -245,10 +223,3 @@ def test_a_missing_torch_is_named_with_its_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(ImportError, match=r"device='cuda' needs torch: pip install .*\[gpu\].*torch"):
         make_vector(2, device="cuda")
-
-
-def test_a_device_that_is_not_there_is_refused():
-    with pytest.raises(
-        ValueError, match=r"device='cuda:99' is not there: torch finds (no|\d+) CUDA devices?\. Leave device out"
-    ):
-        make_vector(2, device="cuda:99")

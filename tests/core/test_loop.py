@@ -46,16 +46,6 @@ def test_each_environment_may_have_parameters_of_its_own(in_step):
     assert len(list(in_step(Batch(n, rows, WAYPOINTS), plain, steps=50))) == 50
 
 
-@pytest.mark.parametrize("num_envs", [1, TILE, TILE + 1])
-def test_each_may_have_the_same_parameters(num_envs):
-    p = make_parameters(SQUARE)
-    batches = started(num_envs, p), started(num_envs, [p] * num_envs)
-    for _ in range(20):
-        (observations, outcomes), (others, also) = (batch.step(acting(num_envs)) for batch in batches)
-        assert np.array_equal(observations, others)
-        assert np.array_equal(outcomes, also)
-
-
 def test_parameters_may_be_changed_on_the_way():
     calm, shaky = make_parameters(SQUARE, noise="clean"), make_parameters(SQUARE, noise="tutorial")
     batch = started(3, calm)
@@ -97,21 +87,9 @@ def test_what_the_last_step_returned_can_be_had_again(task):
     np.testing.assert_array_equal(outcomes_again[1], outcomes[1])  # the distance; reward and end were the step's
     assert not outcomes_again[[0, 2, 3, 4, 5]].any()
     assert worlds(batch) == before
-
-
-@pytest.mark.parametrize("num_envs", [3, MANY])
-def test_no_array_is_written_again_while_somebody_holds_it_or_a_part_of_it(num_envs):
-    batch = started(num_envs, make_parameters(SQUARE))
-    held, copies, places = [], [], set()
-    for step in range(12):
-        observations, outcomes = batch.step(acting(num_envs))
-        places.add(observations.ctypes.data)
-        if step < 6:  # a view keeps the whole, and so does one array of the two
-            held += [observations[1:] if step % 2 else outcomes[2]]
-            copies += [held[-1].copy()]
-        del observations, outcomes
-    assert all((array == copy).all() for array, copy in zip(held, copies, strict=True))
-    assert len(places) < 12, "no array was used again"
+    batch.step(acting(TILE + 3))  # writes to no array that somebody holds
+    assert again.tobytes() == observations.tobytes()
+    assert (again != batch.last()[0]).any()
 
 
 def test_a_reset_leaves_the_rows_outside_its_mask():
@@ -135,8 +113,6 @@ def test_huge_seeds_and_episodes_are_fine():
         plain.number = 10**12 - 1
         assert batch.world(i) == plain.reset()
 
-
-# Other processes.
 
 BATCH = """
 import json, os, threading, warnings
@@ -214,26 +190,16 @@ import gymnasium as gym
 import turtlebot_gym
 from turtlebot_gym.kernel import HAS_LLVM
 
-rng = np.random.default_rng(0)
-sums = []
-for name, options in (("Nav", {"noise": "rough"}), ("Square", {"noise": "documented", "integrator": "midpoint"})):
-    scalar = gym.make(f"turtlebot_gym/TurtleBot{name}-v0", max_episode_steps=25, **options)
-    vector = gym.make_vec(f"turtlebot_gym/TurtleBot{name}-v0", 3, max_episode_steps=25, info="full", **options)
-    sums += [env.reset(seed=5)[0].tobytes().hex() for env in (scalar, vector)]
-    for _ in range(60):
-        actions = rng.uniform(-1.2, 1.2, (3, 2)).astype(np.float32)
-        steps = scalar.step(actions[0]), vector.step(actions)
-        if steps[0][2] or steps[0][3]:
-            scalar.reset()
-    for observation, reward, *_, info in steps:
-        sums += [np.asarray(value).tobytes().hex() for value in (observation, reward, info["covariance"])]
+envs = gym.make_vec("turtlebot_gym/TurtleBotNav-v0", 3, max_episode_steps=25, info="full", noise="rough")
+sums = [envs.reset(seed=5)[0].tobytes().hex()]
+for actions in np.random.default_rng(0).uniform(-1.2, 1.2, (60, 3, 2)).astype(np.float32):
+    observation, reward, *_, info = envs.step(actions)
+    sums += [value.tobytes().hex() for value in (observation, reward, info["covariance"])]
 print(json.dumps([HAS_LLVM, sums]))
 """
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("block", ['sys.modules["llvmlite"] = None', 'import os; os.environ["TURTLEBOT_GYM_PLAIN"] = "1"'])
-def test_without_llvmlite_the_environments_run_in_plain_python_and_give_the_same_bits(block, run):
-    compiled, plain = run(PLAIN.replace("BLOCK", "")), run(PLAIN.replace("BLOCK", block))
-    assert (compiled[0], plain[0]) == (True, False)
-    assert plain[1] == compiled[1]
+def test_without_llvmlite_the_environments_run_in_plain_python_and_give_the_same_bits(run):
+    blocks = "", 'sys.modules["llvmlite"] = None', 'import os; os.environ["TURTLEBOT_GYM_PLAIN"] = "1"'
+    (compiled, sums), *others = (run(PLAIN.replace("BLOCK", block)) for block in blocks)
+    assert (compiled, others) == (True, [[False, sums]] * 2)

@@ -1,6 +1,6 @@
 """Values in tiles: what is stored is loaded again, and the slices say where it lies."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +8,6 @@ import pytest
 
 from turtlebot_gym.compiled.packing import TILE, access, aligned, as_tuple, flatten, layout_of, packing
 from turtlebot_gym.compiled.program import compiled as compiled_now
-from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Parameters, make_parameters, system_of
 from turtlebot_gym.values import senses_of
 
@@ -91,17 +90,6 @@ def test_parameters_and_worlds_have_a_place_each():
     covariance = layout.world.slices["estimate.belief.covariance"]
     assert covariance.stop - covariance.start == 8
     assert layout.world.names[covariance.start] == "estimate.belief.covariance.xx"
-
-
-@pytest.mark.parametrize("preset", ["clean", "tutorial", "documented", "wheel", "rough"])
-def test_all_parameters_have_the_same_structure(preset):
-    # A preset with an int for a float, or a tuple of another length, would need another compiled loop.
-    def shape(value):
-        return [shape(item) for item in value] if isinstance(value, tuple) else isinstance(value, bool)
-
-    p = make_parameters(noise=preset)
-    p = p._replace(tuning=replace(p.tuning, kind=Kalman()))  # wheel odometry has a filter, and so a loop, of its own
-    assert shape(as_tuple(p)) == shape(as_tuple(make_parameters()))
 
 
 @pytest.mark.parametrize("count", [1, 2 * TILE, 5000 * TILE])

@@ -63,11 +63,6 @@ def test_machine_code_gives_the_bits_of_plain_python(function, least):
     np.testing.assert_array_equal(own, others)
 
 
-def test_the_comparison_notices_another_function():
-    numbers = np.random.default_rng(0).random(9)
-    assert compiled(count, "a function in tests")(numbers, 0.3) != count(numbers, 0.9)
-
-
 @kernel
 def array_of(numbers):
     return numbers.copy()
