@@ -8,9 +8,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.error import InvalidAction, ResetNeeded
+from steering import SHAKY, drive
 
 import turtlebot_gym  # noqa: F401  # registers the ids
-from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, RewardTerm
+from turtlebot_gym import RewardTerm
 from turtlebot_gym.envs import navigation_device
 from turtlebot_gym.envs.navigation_device import CHECKED, NavigationDeviceEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
@@ -18,10 +19,6 @@ from turtlebot_gym.envs.vector import make_vector
 
 torch = pytest.importorskip("torch")
 
-SHAKY = Noise(
-    process=ProcessNoise(alpha1=0.02, alpha2=0.001, alpha3=0.05, alpha4=0.01, slip=0.5, slip_start=0.05, slip_end=0.2),
-    odometry=OdometryNoise(R=(0.01, 0.02, 0.03), spike_probability=0.1, spike=0.5, dropout_probability=0.1),
-)
 SQUARE = {"task": "square", "noise": "documented", "filter": "tutorial", "switch": "time", "robot": "tutorial"}
 SYSTEMS = {
     "default": {"task": "nav"},
@@ -40,15 +37,6 @@ def device(request):
     if request.param == "cuda" and not torch.cuda.is_available():
         pytest.skip("there is no CUDA device")
     return request.param
-
-
-def actions_for(observations, rng):
-    """Return noisy actions that often arrive, and sometimes leave the action space."""
-    distance, cosine, sine, cos_turn, sin_turn = observations.T[:5].astype(float)
-    bearing, turn = np.arctan2(sine, cosine), np.arctan2(sin_turn, cos_turn)
-    close = distance < 0.12
-    actions = np.column_stack([np.where(close, 0.0, cosine), np.where(close, 0.5 * turn, 1.5 * bearing)])
-    return (actions + np.where(close, 0.05, 0.5)[:, None] * rng.normal(size=actions.shape)).astype(np.float32)
 
 
 def bits(value):
@@ -84,7 +72,7 @@ def ends_of(engine, other):
     theirs, their_info = other.reset(seed=0)
     assert same_rows([observations, info["distance"]], [theirs, their_info["distance"]]).all()
     for _ in range(200):
-        actions = actions_for(observations, rng)
+        actions = drive(observations, rng).astype(np.float32)
         one, two = engine.step(actions), other.step(torch.as_tensor(actions, device=other.device))
         if "final_obs" not in one[4]:
             assert not bool(two[4].get("_final_obs", torch.zeros(1)).any())
@@ -123,7 +111,7 @@ def test_masks_and_seeds_begin_the_episodes_of_the_engine(device):
         keys = "distance", "is_success", "_distance", "_is_success"
         assert same_rows([one[0], *(one[1][key] for key in keys)], [two[0], *(two[1][key] for key in keys)]).all()
         for _ in range(70):  # beyond the end of an episode
-            actions = actions_for(one[0], np.random.default_rng(0))
+            actions = drive(one[0], np.random.default_rng(0)).astype(np.float32)
             one, two = engine.step(actions), other.step(torch.as_tensor(actions, device=other.device))
             assert same_rows(results_of(one), results_of(two)).all()
 

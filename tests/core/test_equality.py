@@ -6,28 +6,16 @@ are compared with scalar ones in `test_vector_contract`, and both with plain Pyt
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from steering import SHAKY, drive
 
-from turtlebot_gym import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise, Robot
+from turtlebot_gym import FilterTuning, FixNoise, Robot
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.threads import Threads, limited
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Options
 
-SHAKY = Noise(
-    process=ProcessNoise(alpha1=0.02, alpha2=0.001, alpha3=0.05, alpha4=0.01, slip=0.5, slip_start=0.05, slip_end=0.2),
-    odometry=OdometryNoise(
-        R=(0.01, 0.02, 0.03),
-        bias=(0.02, -0.01, 0.03),
-        spike_probability=0.1,
-        spike=0.5,
-        dropout_probability=0.1,
-        quantization=(0.005, 0.01),
-    ),
-)
-"""Every kind of error at once."""
 GATED = FilterTuning(
     Q=(1e-4, 1e-4, 1e-4, 1e-3, 1e-3), R=(0.01, 0.02, 0.03), process=SHAKY.process, kind=Kalman(gate=9.0, max_rejections=2)
 )
@@ -58,15 +46,6 @@ CASES = {
     "gyro that the filter does not read": {"noise": "rough", "imu": "mpu9250", "fix": "beacons"},
     "a class as filter": {"noise": "rough", "filter": "own_parts:Extended", "fix": "late"},
 }
-
-
-def drive(observations, rng):
-    """Return noisy actions that often arrive, sometimes leave the action space, and differ from row to row."""
-    distance, cosine, sine, cos_turn, sin_turn = observations.T[:5].astype(float)
-    bearing, turn = np.arctan2(sine, cosine), np.arctan2(sin_turn, cos_turn)
-    close = distance < 0.12
-    actions = np.column_stack([np.where(close, 0.0, cosine), np.where(close, 0.5 * turn, 1.5 * bearing)])
-    return actions + np.where(close, 0.05, 0.5)[:, None] * rng.normal(size=actions.shape)
 
 
 def ends_of(case, number, rows, steps, in_step):
