@@ -105,7 +105,6 @@ class Bench:
         self.odometry.publish(odometry(self.stamp, **fields))
 
     def drive(self):
-        """Send odometry until it is matched and active, and until earlier messages have taken effect."""
         steps = self.steps
 
         def moves():
@@ -150,7 +149,6 @@ class Bench:
         assert len(self.commands) == sent
 
     def advance(self, seconds):
-        """Advance the steady clock, and wait until the shell's watchdog notices."""
         self.now.at += seconds
         time.sleep(0.01)
         return True

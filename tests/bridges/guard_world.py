@@ -115,14 +115,12 @@ class World:
         self.wait(0.08 * b)
 
     def end(self, a, b):
-        """End one of the buttons, while a program drives."""
         alive = [button for button in self.seen.values() if button[3]]
         if alive:
             alive[a % len(alive)][3] = False
             self.drive(1, b)
 
     def press(self, a, b):
-        """Press a button that lives, for 0 to 400 ms, or until it is released."""
         alive = [which for which, button in self.seen.items() if button[3]]
         if alive:
             which = alive[a % len(alive)]
@@ -132,7 +130,6 @@ class World:
                 self.speak(which, False)
 
     def swallow(self, a, b):
-        """Lose for good what a button says when it is pressed."""
         self.swallowing = 1 + a
         self.press(a, b)
         self.drive(1, 3)
@@ -164,13 +161,11 @@ class World:
         self.enable(a, b, on=False)
 
     def suspend(self, a, b):
-        """Stop the guard's process while all others go on."""
         self.suspended_until = max(self.suspended_until, self.t) + (0.03, 0.09, 0.15, 0.35, 0.45, 0.7, 1.2, 3.0)[a]
         if a > 1:  # what the buttons said comes a little after the guard is back
             self.held_until = self.suspended_until + (0.0, 0.03, 0.09)[b % 3]
 
     def backlog(self, a, b):
-        """Let commands from two sources wait while the guard is suspended, and end."""
         self.command("program", COMMANDS[a], STAMPS[b % 7], 0.0)
         self.wait(0.03)
         self.suspend(a, b)

@@ -103,6 +103,14 @@ def test_after_a_silence_it_goes_on_when_a_button_is_heard_for_half_a_second():
     assert buttons(arbiter, 2.44, 0.2, number=16)[-1] == AHEAD
 
 
+def test_one_who_did_not_listen_for_long_may_have_missed_a_press():
+    arbiter = new()
+    buttons(arbiter, 0.0, 1.0)
+    arbiter.step(T + 1.6)
+    assert set(buttons(arbiter, 1.6, 2.0, number=11)) == {STOP}
+    assert arbiter.enable(True, T + 3.6) == ""
+
+
 def test_a_required_button_must_be_heard_to_start():
     arbiter = new(require_emergency_stop=True)
     assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}
