@@ -6,9 +6,6 @@ Also the comparison of a batch with plain Python, and files of maps, for tests o
 import gc
 import os
 import socket
-import subprocess
-from functools import cache
-from pathlib import Path
 
 # Three test processes share the cores: threads of small products of matrices would only wait for each other.
 os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -51,27 +48,18 @@ def pytest_collection():
         gc.freeze()
 
 
-@cache
-def are_touched(*paths):
-    """Return whether the last commit, or a change since, is in one of some paths; also true where git cannot say."""
-    command = ["git", "-C", str(Path(__file__).parent.parent), "diff", "--quiet", "HEAD~1", "--", *paths]
-    return subprocess.run(command, capture_output=True, check=False).returncode != 0
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Leave to `make test-all` the cases beyond a sample, and long tests of a part that no change touches."""
+    """Leave to `make test-all` the cases beyond a sample."""
     cases = {}
     for item in items:
         if mark := item.get_closest_marker("sample"):
             cases.setdefault((item.path, item.originalname, mark.args[0]), []).append(item)
-        if (mark := item.get_closest_marker("touched")) and not are_touched(*mark.args):
-            item.add_marker(pytest.mark.nightly)
     for (*_, number), found in cases.items():
         chosen = {len(found) * at // number for at in range(number)}
         for at, item in enumerate(found):
             if at not in chosen:
-                item.add_marker(pytest.mark.nightly)
+                item.add_marker(pytest.mark.slow)
 
 
 def _in_step(batch, plain, low=-1.0, high=1.0, steps=100, *, policy=None):

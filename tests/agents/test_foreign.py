@@ -16,10 +16,10 @@ from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.network import TOLERANCE
 from turtlebot_gym_agents.training.train import train
 
-pytestmark = pytest.mark.touched("agents/turtlebot_gym_agents/training", "tests/agents")
+pytestmark = pytest.mark.slow
 
 DAILY = ("ppo", "normalized", "recurrent-normalized")
-"""Kinds whose training and export take a second or two; the others run nightly."""
+"""Kinds whose training and export take a second or two; the others take longer."""
 
 
 def bundle_actions(bundle, observations, begins):
@@ -37,7 +37,7 @@ def close(actions, expected):
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("kind", [kind if kind in DAILY else pytest.param(kind, marks=pytest.mark.nightly) for kind in KINDS])
+@pytest.mark.parametrize("kind", [kind if kind in DAILY else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS])
 def test_a_model_acts_in_its_bundle_and_deployment_as_in_its_library(tmp_path, kind):
     model = trained(kind, tmp_path)
     export(model, tmp_path / "policy.onnx", env=NAV, steps=100)
@@ -50,7 +50,7 @@ def test_a_model_acts_in_its_bundle_and_deployment_as_in_its_library(tmp_path, k
 # Folders and command lines.
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_best_model_of_a_training_in_rooms_is_exported_by_its_folder(tmp_path, capsys):
     hyper = {"n_envs": 8, "n_timesteps": 256, "n_steps": 16, "batch_size": 64, "policy_kwargs": SMALL}
     config = TrainingConfig(env=ROOMS, world="office", config=hyper, evaluations=1, episodes=4, steps=256, randomize=True)

@@ -22,7 +22,7 @@ from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
-pytestmark = pytest.mark.touched("agents/turtlebot_gym_agents/training", "tests/agents")
+pytestmark = pytest.mark.slow
 
 
 class Discrete(gym.ActionWrapper):

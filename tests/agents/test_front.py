@@ -144,7 +144,7 @@ def test_a_training_goes_into_a_folder_once(trained, tmp_path):
         train(config, tmp_path / "run", seeds=0)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_model_of_another_library_becomes_a_bundle(tmp_path):
     import torch
 

@@ -98,7 +98,7 @@ def remembers(observations):
 remembers.terms = ("twist*2",)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_rules_and_their_safety_layer_read_their_terms_in_any_observation():
     options = {"env": ROOMS, "episodes": 6, "seed": 3}
     for name in ("vfh", "vfh+safety", "bearing+safety"):

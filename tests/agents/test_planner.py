@@ -195,7 +195,7 @@ def test_rows_do_not_depend_on_each_other(name):
         np.testing.assert_allclose(whole(step)[kept], part(step[kept]), rtol=0.0, atol=1e-6)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_in_an_office_memory_finds_the_doors():
     """40 offices. With a success of 0.985 and 0.8, a bound is missed by fewer than one seed in a thousand."""
     names = "vfh", "planner+safety"

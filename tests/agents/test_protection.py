@@ -174,7 +174,7 @@ def test_where_the_layer_has_stopped_a_robot_geometry_steers_for_a_while_until_i
         assert not own
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_the_safety_layer_prevents_most_collisions_of_a_policy_that_sees_nothing():
     blind, layered = (evaluate(name, env=ROOMS, episodes=60, seed=3).summary() for name in ("bearing", "bearing+safety"))
     assert blind["collision"].value > 0.3

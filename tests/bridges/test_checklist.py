@@ -16,7 +16,7 @@ from nav_msgs.msg import Odometry
 
 from cmd_vel_guard.qos import SENSOR
 
-pytestmark = pytest.mark.nightly
+pytestmark = pytest.mark.slow
 
 ROBOT = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/config/robot.yaml"
 WORDS = {

@@ -59,7 +59,7 @@ STEPS = 300
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("processes", [False, True])
 def test_each_of_two_robots_in_lock_step_drives_its_own_episode_to_the_bit(compare, processes):
     drives = {

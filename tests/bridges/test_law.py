@@ -33,13 +33,13 @@ DAILY = 300
 """Schedules of a day's search."""
 
 
-NIGHTLY = [pytest.param(KINDS, 1000, share, marks=pytest.mark.nightly) for share in range(10)]
+NIGHTLY = [pytest.param(KINDS, 1000, share, marks=pytest.mark.slow) for share in range(10)]
 """1,000 schedules in each share: 10,000 in all."""
 
 
 @pytest.mark.parametrize(
     ("kinds", "number", "share"),
-    [(KINDS, DAILY, 0), *NIGHTLY, (BUTTONS, DAILY, 0), pytest.param(BUTTONS, 1000, 0, marks=pytest.mark.nightly)],
+    [(KINDS, DAILY, 0), *NIGHTLY, (BUTTONS, DAILY, 0), pytest.param(BUTTONS, 1000, 0, marks=pytest.mark.slow)],
 )
 def test_the_law_holds(kinds, number, share):
     moved = []

@@ -26,7 +26,7 @@ DRIVES = [
     (("ppo-square", "rough", "time", "matched", "none"), False, {}),
     (("bearing", "wheel", "arrival", "matched", "late"), True, {"fix": "none"}),
     *(
-        pytest.param(*case, marks=pytest.mark.nightly)
+        pytest.param(*case, marks=pytest.mark.slow)
         for case in (
             (("proportional", "tutorial", "time", "matched", "none"), False, {}),
             (("proportional", "rough", "arrival", "matched", "none"), False, {}),
@@ -57,7 +57,7 @@ def test_the_graph_is_the_environment(compare, tmp_path, parameters, processes, 
         assert max(compare.differences(expected, other).values()) > 0.01
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("processes", [False, True])
 def test_a_busy_machine_changes_no_number(compare, processes):
     drive = compare.SquareDrive()
@@ -66,7 +66,7 @@ def test_a_busy_machine_changes_no_number(compare, processes):
         assert_same(compare, expected, compare.live(drive, STEPS, processes=processes))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_reset_begins_the_next_episode(compare, peer):
     drive = compare.SquareDrive("bearing", "tutorial", "time", "burger", 3)
     with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
@@ -78,7 +78,7 @@ def test_a_reset_begins_the_next_episode(compare, peer):
     assert_same(compare, compare.episode(drive, 100, number=1), compare.first(trajectory, 100))
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CHAIN[1:])
 def test_a_node_that_is_suspended_is_waited_for_and_costs_no_bit(compare, name):
     drive = compare.SquareDrive("bearing", "rough", "time", "burger", 3)

@@ -79,7 +79,7 @@ def files_of(folder):
     return {path for path in folder.rglob("*") if "__pycache__" not in path.parts}
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_colcon_builds_the_package(tmp_path):
     search = f"{Path(sys.executable).parent}:{Path(sys.prefix) / 'bin'}"
     colcon = shutil.which("colcon", path=search) or shutil.which("colcon")

@@ -136,7 +136,7 @@ def test_a_press_counts_however_short_and_every_button_must_be_released(make_ben
     [
         ("the pose must be finite", {"x": math.nan}),
         ("stamp", {"dt": -0.05}),
-        pytest.param("its frame is 'map' instead of 'odom'", {"frame": "map"}, marks=pytest.mark.nightly),
+        pytest.param("its frame is 'map' instead of 'odom'", {"frame": "map"}, marks=pytest.mark.slow),
     ],
 )
 def test_odometry_that_is_none_is_refused_and_counts_as_missing(make_bench, said, broken):
@@ -179,7 +179,7 @@ def silence(bench, publisher):
     bench.wait_for(lambda: count() == before - 1)
 
 
-@pytest.mark.parametrize("beside", [False, pytest.param(True, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("beside", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_source_that_takes_anothers_place_moves_nothing_until_a_person_enables(make_bench, beside):
     """Whatever its name, before or after the end of the other."""
     bench = driving(make_bench, make=SoleMover)

@@ -67,7 +67,7 @@ def logged(tmp_path, monkeypatch):
     [
         ("dense", "lds01", "tutorial", 3, False),
         *(
-            pytest.param(*case, marks=pytest.mark.nightly)
+            pytest.param(*case, marks=pytest.mark.slow)
             for case in (
                 ("office", "a1", "rough", 1, False),
                 ("crowd", "lds02", "documented", 2, False),
@@ -94,7 +94,7 @@ def given_alike(compare, logged, drive, *steps, shown=50, processes=False):
     return given
 
 
-@pytest.mark.parametrize(("world", "seed"), [("office", 1), pytest.param("crowd", 3, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(("world", "seed"), [("office", 1), pytest.param("crowd", 3, marks=pytest.mark.slow)])
 def test_a_robot_with_an_unknown_start_is_the_environments_with_its_localizers_evidence(compare, logged, world, seed):
     lost = {"noise": "wheel", "localizer": "match", "start": "unknown", "observation": "located"}
     drive = compare.RoomDrive("logged_policy:Located", world=world, seed=seed, **lost)
@@ -102,7 +102,7 @@ def test_a_robot_with_an_unknown_start_is_the_environments_with_its_localizers_e
     assert {0.0, 1.0} < {*given[:, 16].tolist()}  # the weight of the best hypothesis: lost, in doubt, sure
 
 
-@pytest.mark.parametrize("lidar", ["lds01", pytest.param("a1", marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("lidar", ["lds01", pytest.param("a1", marks=pytest.mark.slow)])
 def test_tracks_of_people_are_those_of_the_environment(compare, logged, lidar):
     drive = compare.RoomDrive(
         "logged_policy:Tracking", world="people", lidar=lidar, noise="wheel", observation="ekf,tracks", seed=2

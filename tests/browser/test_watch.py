@@ -18,7 +18,7 @@ from PIL import Image
 from turtlebot_gym_agents.evaluation.recording import record_episode
 from turtlebot_gym_view.page import Page
 
-pytestmark = pytest.mark.browser
+pytestmark = pytest.mark.slow
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 SIZES = {"wide": (1400, 900), "narrow": (400, 860)}
 SCRUB = """async (turns) => {

@@ -1,4 +1,4 @@
-"""Results file of `make test-clients`."""
+"""Results file of the tests marked ``slow``."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
 """Other people's libraries, run for real: each script of docs/howto/libraries, in an environment of its own.
 
-`make test-clients` makes the environments and runs the tests that are marked ``clients``; the others are quick.
+`environments.py` makes the environments of the tests that are marked ``slow``; the others are quick.
 """
 
 import json
@@ -52,7 +52,7 @@ def progress(output):
 def python_of(environment):
     path = ENVIRONMENTS / environment / "bin" / "python"
     if not path.exists():
-        pytest.skip(f"there is no environment {environment}: make test-clients")
+        pytest.skip(f"there is no environment {environment}: python tests/clients/environments.py .venv-clients")
     return path
 
 
@@ -98,7 +98,7 @@ def results(pytestconfig):
         write_json(path, {"clients": available}, config={"episodes": EPISODES, "seed": SEED})
 
 
-@pytest.mark.clients
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CLIENTS)
 def test_a_library_trains_and_its_policy_drives(name, results, tmp_path):
     client = CLIENTS[name]

@@ -35,7 +35,7 @@ QUICK = {
 SHORT = {r"steps=[\d_]+": "steps=1024, evaluations=1", r"learn\([\d_]+\)": "learn(256)", r"episodes=\d+": "episodes=5"}
 """What makes the Python blocks of the page on Python short."""
 CLIENTS = tomllib.loads((ROOT / "tests" / "clients" / "clients.toml").read_text(encoding="utf-8"))
-"""Scripts that `make test-clients` runs, in environments that have their libraries."""
+"""Scripts that tests of clients run, in environments that have their libraries."""
 
 
 def shortened(line):
@@ -63,7 +63,7 @@ def write_drive(path):
 @pytest.mark.sample(5)
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(path, marks=[pytest.mark.nightly] * (path.stem in LONG), id=path.stem) for path in PAGES if blocks_of(path)],
+    [pytest.param(path, marks=[pytest.mark.slow] * (path.stem in LONG), id=path.stem) for path in PAGES if blocks_of(path)],
 )
 def test_code_blocks_work(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

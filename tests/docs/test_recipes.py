@@ -63,7 +63,7 @@ def test_each_extension_has_a_recipe():
     ("headings", "plain"),
     [
         *((headings, True) for headings in (["A sensor", "A filter"], ["A plant"])),
-        pytest.param(["A sensor", "A filter"], False, marks=pytest.mark.nightly),
+        pytest.param(["A sensor", "A filter"], False, marks=pytest.mark.slow),
     ],
     ids=str,
 )

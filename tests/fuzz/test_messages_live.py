@@ -48,7 +48,7 @@ def publishers_of(node, name):
     return [(kind, node.create_publisher(kind, topic, qos)) for kind, topic in found]
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_no_node_ends(tmp_path):
     chance, runner, processes = random.Random(MESSAGES), Runner(executor=FastExecutor), {}
 

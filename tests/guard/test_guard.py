@@ -38,7 +38,7 @@ def sabotaged(change):
     return "-c", f"from cmd_vel_guard import guard\n{change}\nraise SystemExit(guard.main())", "--ros-args", *WORDS
 
 
-@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.nightly), signal.SIGTERM])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM])
 def test_a_signal_sends_zeros_and_ends_in_order(start, probe, number):
     process = start()
     probe.until_driving()
@@ -113,7 +113,7 @@ def test_a_motion_that_was_decided_before_a_suspension_is_not_published_after_it
     assert set(probe.heard) == {STOP}
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.slow)])
 def test_the_standby_sends_zeros_soon_after_the_last_command_of_a_guard_that_dies(driving, probe, number):
     guard, _ = driving()
     probe.heard.clear()
@@ -163,9 +163,7 @@ SOURCES = {
 }
 
 
-@pytest.mark.parametrize(
-    "topic", [*(pytest.param(each, marks=pytest.mark.nightly) for each in SOURCES if each != "scan"), "scan"]
-)
+@pytest.mark.parametrize("topic", [*(pytest.param(each, marks=pytest.mark.slow) for each in SOURCES if each != "scan"), "scan"])
 def test_a_second_source_of_an_input_stops_the_robot_until_it_is_gone(start, launch, probe, peer, topic):
     launch("-m", "cmd_vel_guard", "cmd_vel_standby")
     start("-p", "collision_monitor:=true", "-p", "require_standby:=true", "-p", "heed_disagreement:=true")

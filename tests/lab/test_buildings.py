@@ -18,7 +18,7 @@ from turtlebot_gym_lab.evaluation.localize import KNOWN, KnownPlace, localize
 RECORDING = Path(__file__).parents[3] / "shared" / "data" / "carmen" / "aces.npz"
 FRAMES, ROWS = 60, 300
 pytestmark = [
-    pytest.mark.touched("lab", "tests/lab"),
+    pytest.mark.slow,
     pytest.mark.skipif(not RECORDING.exists(), reason="needs the recordings"),
     pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python"),
 ]

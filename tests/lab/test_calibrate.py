@@ -15,8 +15,6 @@ from turtlebot_gym_lab.commands.calibration_report import interval_text
 from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.evaluation.replay import replay, replay_seeds
 
-pytestmark = pytest.mark.touched("lab", "tests/lab")
-
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
 MINE = Noise(
     process=ProcessNoise(alpha1=0.006, alpha2=0.005, alpha3=0.004, alpha4=0.007, scale=0.97),
@@ -74,7 +72,7 @@ def test_parameters_that_innovations_cannot_determine_are_reported(table, capsys
     assert "bias_x │ a shift of all poses looks like another origin: record the truth" in printed
 
 
-@pytest.mark.parametrize(("name", "other"), [RECORDED, pytest.param(*RECORDED[::-1], marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(("name", "other"), [RECORDED, pytest.param(*RECORDED[::-1], marks=pytest.mark.slow)])
 def test_a_calibrated_filter_knows_its_error_on_another_recorded_drive(name, other):
     drive, calibrated = read(recorded(other)), read(recorded(name))
     measured = replay(calibrated, noise="documented", seed=1000, rate=np.inf).odometry

@@ -23,8 +23,6 @@ from turtlebot_gym_lab.evaluation.replay import (
     replayable,
 )
 
-pytestmark = pytest.mark.touched("lab", "tests/lab")
-
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
 PER_METRE = {"wifibot1.txt": 0.016, "wifibot2.txt": 0.027}
 
@@ -193,7 +191,7 @@ def test_real_wheels_drift_as_stated(name):
     assert wrong.mean() > 1.5 * position.mean()
 
 
-@pytest.mark.parametrize("name", [RECORDED[0], *(pytest.param(name, marks=pytest.mark.nightly) for name in RECORDED[1:])])
+@pytest.mark.parametrize("name", [RECORDED[0], *(pytest.param(name, marks=pytest.mark.slow) for name in RECORDED[1:])])
 def test_the_filter_beats_both_of_its_sources_on_real_drives(name):
     # Over 100 other seeds the filter's errors were 0.0263 m and 0.0175 rad on the first drive, 0.0239 m and 0.0143 rad on the
     # second; means of 20 vary by 0.0006 m and 0.0006 rad. One set of seeds in 400 would miss the bound of the first.

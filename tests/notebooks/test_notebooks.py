@@ -47,7 +47,7 @@ def executed(name, folder, monkeypatch):
 
 
 @needs_extras
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_it_runs_from_top_to_bottom(name, tmp_path, monkeypatch):
     if name.startswith("05") and not (DATA / "wifibot1.txt").exists():

@@ -20,8 +20,6 @@ from turtlebot_gym_view.maps import _extent, _picture
 from turtlebot_gym_view.page import Page
 from turtlebot_gym_view.view import fill
 
-pytestmark = pytest.mark.touched("lab/turtlebot_gym_view", "tests/view")
-
 LIMIT = 3_000_000
 """Largest file of a drive of 60 s, bytes."""
 

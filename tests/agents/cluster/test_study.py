@@ -23,7 +23,7 @@ from turtlebot_gym_agents.front import comparing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.provenance import plain
 
-pytestmark = pytest.mark.touched("agents/turtlebot_gym_agents/cluster", "tests/agents/cluster")
+pytestmark = pytest.mark.slow
 
 NAV, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Rooms"))
 HYPER = """default:
@@ -161,7 +161,7 @@ def test_several_seeds_are_trained_by_workers_as_here(tmp_path, monkeypatch):
     np.testing.assert_array_equal(bundles[0](rows), bundles[1](rows))
 
 
-@pytest.mark.cluster
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # Ray's own, of sockets and processes that it leaves to the collector
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs the extra [cluster]")
 def test_a_study_on_ray_equals_one_process(tmp_path):

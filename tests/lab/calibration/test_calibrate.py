@@ -137,7 +137,7 @@ def test_a_twist_that_acts_later_is_detected(known, by_truth, steps):
     assert calibration.estimates["alpha1"].value == pytest.approx(by_truth.estimates["alpha1"].value, rel=0.3)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_a_twist_that_comes_late_is_reported_and_kept(known):
     late = np.concatenate([np.zeros((2, 2)), known.twist[:-2]])
     calibration = calibrate(replace(known, twist=late))
@@ -164,7 +164,7 @@ def test_another_frame_and_another_clock_of_the_truth_are_detected(known, by_tru
     assert late.estimates["R_x"].value == pytest.approx(by_truth.estimates["R_x"].value, rel=0.2)  # shifted to where it belongs
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_errors_that_last_are_fitted_over_long_pieces(known):
     # an error of the speed that lasts adds up faster than white noise: short pieces know nothing of that
     drive = draw(3000, alphas=(0.0, 0.0, 0.0, 0.0), seed=8)

@@ -10,7 +10,7 @@ from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated, s
 from turtlebot_gym_lab.calibration import calibrate, detect_kind
 from turtlebot_gym_lab.calibration.coordinates import value_of
 
-pytestmark = pytest.mark.touched("lab", "tests/lab")
+pytestmark = pytest.mark.slow
 
 ALPHAS = {"alpha1": 0.004, "alpha2": 0.003, "alpha3": 0.006, "alpha4": 0.005}
 USUAL = {"left": RADIUS, "right": RADIUS, "track": TRACK, "drift": 0.0, **ALPHAS}
@@ -32,7 +32,7 @@ def fits():
     return np.array(shares)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "holds"), [(1.0, True), (0.5, False)])
 def test_intervals_hold_the_truth_in_95_of_100_cases_and_others_do_not(fits, factor, holds):
     # A correct interval fails this for one set of drives in 10^4; the seeds are fixed. Intervals half as wide fail it.

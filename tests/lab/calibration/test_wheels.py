@@ -19,7 +19,7 @@ from turtlebot_gym_lab.calibration.alphas import pieces_of
 from turtlebot_gym_lab.calibration.windows import path_of
 from turtlebot_gym_lab.drives import read
 
-pytestmark = pytest.mark.touched("lab", "tests/lab")
+pytestmark = pytest.mark.slow
 
 FINE = 0.005
 RATES = (5.0, 10.0, 25.0, 50.0, 100.0)
@@ -121,7 +121,7 @@ def by_rows(drive):
     return float(told @ true) / float(told @ told)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 def test_neither_rate_nor_clock_changes_the_wheels():
     true = np.array([1.01, 0.62])
     for rate, late in zip(RATES, (0.0, 0.3, 0.05, 0.15, 0.2), strict=True):
@@ -141,7 +141,7 @@ def test_other_numbers_of_the_wheels_give_the_same_robot():
     assert after["veer"].value == pytest.approx(before["veer"].value, abs=2e-3)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["create", "jackal"])
 def test_swaps_and_gaps_of_the_truth_change_a_remark_only(name):
     drive = logged(**ROBOTS[name], seed=5, rate=20.0)
@@ -222,7 +222,7 @@ def whole(drive, seconds=4.0, late=0.0):
     return np.array(found)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["wifibot1.txt", "wifibot2.txt"])
 def test_a_recorded_log_says_the_same_at_every_rate(wifibots, name):
     true = whole(wifibots[name], late=-0.04 if name == "wifibot2.txt" else -0.1)

@@ -56,7 +56,7 @@ def test_a_clean_log_has_no_remark(tmp_path, noise, rate, kind):
     require_clean(tmp_path / "bag", noise, rate, kind, 0)
 
 
-@pytest.mark.nightly
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", TRUTHS)
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("noise", NOISES)
