@@ -7,7 +7,7 @@ import pytest
 from localization_rooms import corridor, empty_hall, hall, make_room, nonsense, off, scan_of, sight
 
 from turtlebot_gym.kernel import HAS_LLVM
-from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, MOST, NONE, ROWS, exp, seek
+from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, NONE, ROWS, exp
 from turtlebot_gym.localization.descent import SILENT_BEAMS, agreeing, verdict
 from turtlebot_gym.localization.hypotheses import CYCLE, ENOUGH, look, nowhere
 from turtlebot_gym.localization.information import Guess
@@ -260,15 +260,3 @@ def test_a_scan_that_no_place_explains_leaves_it_lost(room):
 def test_weights_are_exponentials():
     x = np.linspace(-10.0, 0.0, 41)
     np.testing.assert_allclose([exp(number) for number in x], np.exp(x), rtol=0.05)
-
-
-@slow_in_plain
-def test_the_whole_map_is_searched_the_same_in_loops_and_in_arrays(room):
-    from turtlebot_gym.compiled.program import compiled
-
-    points, room, results = scan_of(room, HERE), room._replace(field=room.field.copy()), []
-    room.field[:20, :20] = np.nan
-    for function in (seek, compiled(seek, "the whole map")):
-        poses, values = np.empty((MOST, 3)), np.empty(MOST)
-        results.append((function(sight(room, points), poses, values), poses.tolist(), values.tolist()))
-    assert results[0] == results[1]
