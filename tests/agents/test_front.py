@@ -144,6 +144,14 @@ def test_a_training_goes_into_a_folder_once(trained, tmp_path):
         train(config, tmp_path / "run", seeds=0)
 
 
+def test_a_training_replaces_a_run_by_force(tmp_path):
+    for seed in (1, 2):
+        again = train("nav", tmp_path / "run", seed=seed, force=True, **QUICK)
+        assert [*again.folders] == [seed]
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["config"]["seed"] == 2
+    assert len([*(tmp_path / "run").rglob("events.*")]) == 1
+
+
 @pytest.mark.slow
 def test_a_model_of_another_library_becomes_a_bundle(tmp_path):
     import torch

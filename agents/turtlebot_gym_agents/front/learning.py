@@ -20,7 +20,7 @@ from turtlebot_gym_agents.figures import LEARNING, learning_figure, plot_learnin
 from turtlebot_gym_agents.flags import Text, takes
 from turtlebot_gym_agents.front.results import Result, axes_or_new, with_legend
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
-from turtlebot_gym_agents.training.config import RANDOMIZED, TrainingConfig, require_no_run
+from turtlebot_gym_agents.training.config import RANDOMIZED, TrainingConfig, forget_run, require_no_run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -152,7 +152,7 @@ def train(
         workers: With "local": number of processes, by default one per core.
         json: Write configuration and results here.
         plot: Draw here success and return over the steps; for several seeds their mean, with its 95 % interval.
-        force: Overwrite files that exist.
+        force: Overwrite files that exist, also those of a run in the folder.
         progress: Whether to show a bar.
         callbacks: Additional callbacks of Stable-Baselines3.
         **options: Fields of `TrainingConfig`: steps, algo, config (hyper-parameters), the environment's, and so on.
@@ -166,6 +166,8 @@ def train(
     numbers = range(first.seed, first.seed + as_int("seeds", seeds, 1))
     folders = {number: Path(out) / f"seed-{number}" if seeds > 1 else Path(out) for number in numbers}
     for path in folders.values():
+        if force:
+            forget_run(path)
         require_no_run(path)
     with needs("agents"):
         from turtlebot_gym_agents.training.train import train as train_one

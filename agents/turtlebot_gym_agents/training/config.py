@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
 from math import inf, isfinite
 from pathlib import Path
+from shutil import rmtree
 from typing import Annotated, Any
 
 import gymnasium as gym
@@ -165,4 +166,10 @@ def require_env(env: str) -> str:
 def require_no_run(folder: Path) -> None:
     """Raise ValueError if a folder holds a run."""
     if (folder / "config.json").exists():
-        raise ValueError(f"{folder} holds a run already: choose another folder, or remove it.")
+        raise ValueError(f"{folder} holds a run already: choose another folder, or replace the run by force.")
+
+
+def forget_run(folder: Path) -> None:
+    """Remove configuration and curves of a run, if a folder holds one; a new run replaces the other files."""
+    (folder / "config.json").unlink(missing_ok=True)
+    rmtree(folder / "tensorboard", ignore_errors=True)
