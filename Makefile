@@ -27,7 +27,7 @@ demo: $(READY)  ## drive on an EKF's estimate, train a policy, put the policy in
 	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --policy bearing $(OUT)/square/policy.onnx
 	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/square/policy.onnx --duration 40 --figure $(OUT)/graph.png --force
 	$(RUN)turtlebot-gym watch --env turtlebot_gym/TurtleBotRooms-v0 --world office --policy vfh ppo-rooms --seed 1 \
-		--html $(OUT)/rooms.html
+		--html $(OUT)/rooms.html --force
 	@echo "In $(OUT)/: square_by_time.png (the square on raw odometry and on the filter's estimate), learning.png (the training),"
 	@echo "graph.png (that policy in the live ROS graph), square/policy.onnx (that policy), rooms.html (two policies in an office)."
 
