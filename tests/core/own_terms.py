@@ -54,3 +54,11 @@ GAPS = ObservationTerm("gaps", gaps, (-1.0, -1.0), (2.0, 2.0), "m")
 
 
 SHORT = ObservationTerm("short", touch, (0.0, 0.0), (1.0, 1.0))
+
+
+@kernel
+def written(world, p):
+    return float(f"{world.body.true_state.v:.17g}")
+
+
+WRITTEN = ObservationTerm("written", written, -1.0, 1.0)

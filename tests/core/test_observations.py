@@ -107,3 +107,15 @@ def test_terms_are_found_by_name_wherever_they_stand():
     for wanted in (ROOM, (ROOM[4].over(3),), (ROOM[4].over(2, every=2),)):
         with pytest.raises(ValueError, match=r"it reads '.*', which is not in the observation scan"):
             columns_of(wanted, stacked)
+
+
+@pytest.mark.parametrize("rows", [1, 20])
+def test_a_term_that_cannot_be_compiled_lets_all_run_as_plain_python_with_the_same_bits(rows):
+    plain, compiled = (gym.make_vec(NAV, num_envs=rows, observation=named) for named in ("ekf,own_terms:WRITTEN", "ekf"))
+    with pytest.warns(RuntimeWarning, match="run as plain Python"):
+        seen = plain.reset(seed=3)[0]
+    shown = compiled.reset(seed=3)[0]
+    for action in np.random.default_rng(0).uniform(-1.0, 1.0, (20, rows, 2)).astype(np.float32):
+        np.testing.assert_array_equal(seen[:, :-1], shown)
+        np.testing.assert_array_equal(seen[:, -1], plain.unwrapped._batch.numbers("body.true_state")[:, 3].astype(np.float32))
+        seen, shown = plain.step(action)[0], compiled.step(action)[0]

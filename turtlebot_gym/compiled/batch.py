@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym.compiled.loop import Loops
 from turtlebot_gym.compiled.packing import TILE, Packing, access, aligned, as_tuple, flatten, layout_of, packing
 from turtlebot_gym.compiled.program import address_of
-from turtlebot_gym.compiled.runner import CHANGING, Runner
+from turtlebot_gym.compiled.runner import Runner
+from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.heart import begin_at
 from turtlebot_gym.observations.columns import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -60,7 +61,6 @@ class Batch:
         self._world: Packing | None = None
         self._selected: list[NDArray[np.intp]] = []
         self._begun = False
-        """Whether an episode has begun."""
         self._flagged = 0
         self.set_parameters(parameters)
 
@@ -206,7 +206,16 @@ class Batch:
         """Write some observations without the past of a history, and begin the episodes first if asked."""
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         words = address_of(mask), int(begins), address_of(observations), address_of(outcomes)
-        self._runner.run("reset", words, mask, begins, self.seeds, self.episodes, *state)
+        try:
+            self._runner.run("reset", words, mask, begins, self.seeds, self.episodes, *state)
+        except Untraceable as error:
+            self._give_up(error)
+            self._visit(mask, begins, observations, outcomes)
+
+    def _give_up(self, error: Untraceable) -> None:
+        """Go on in plain Python, for which all numbers of parameters and worlds are laid out."""
+        self._runner.give_up(error)
+        self.set_parameters(self.parameters)
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`, that nobody else holds."""
@@ -238,12 +247,11 @@ class Batch:
         given, state = self._asked if copies else actions.reshape(-1), (self._tiles, self._keys, self._parameters)
         buffers, (observations, outcomes) = self._new()
         words = address_of(given), address_of(buffers[0]), address_of(buffers[1])
-        if runner.serial is not None:  # what `Runner.run` does, in half the time
-            for at, word in zip(CHANGING["step"], words, strict=True):
-                runner.serial.put(2 + at, word)
-            self._flagged = runner.serial.count()
-        else:
+        try:
             self._flagged = runner.run("step", words, given, *state, self.waypoints, observations, outcomes, self.scenes)
+        except Untraceable as error:
+            self._give_up(error)
+            return self.step(actions)
         if self._history is not None:
             self._history.advance(observations)
         elif self.num_envs <= FEW:

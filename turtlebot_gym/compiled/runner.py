@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,7 +38,6 @@ class Runner:
 
     Attributes:
         case: What the loops of open ground are made for.
-        serial: The call of the last step, if it ran on one thread.
         few: What `keep` has kept.
     """
 
@@ -67,7 +66,7 @@ class Runner:
                 self._use(loops_of(self._system, self.case, self._shares))
                 return [names.index(name) for name in own]
             except Untraceable as error:
-                self._warn(error)
+                self.give_up(error)
         self._use(loops_of(self._system._replace(compiled=self._is_compiled), None, self._shares))
         return range(numbers.shape[1])
 
@@ -75,38 +74,41 @@ class Runner:
         """Use other loops, or other arguments."""
         self.loops = loops
         self._calls: dict[Any, Sequence[Call]] = {}
-        self.serial: Call | None = None
+        self._serial: Call | None = None
         self.few: tuple[Callable[[], int], NDArray[np.float32], NDArray[np.float64]] | None = None
 
-    def _warn(self, error: Untraceable) -> None:
+    def give_up(self, error: Untraceable) -> None:
+        """Find only loops in plain Python from now on, after a warning."""
         warnings.warn(f"turtlebot_gym: environments run as plain Python, since {error}.", RuntimeWarning, stacklevel=6)
         self._is_compiled = False
 
-    def run(self, name: str, words: Iterable[int], *arguments: Any) -> int:
+    def run(self, name: str, words: Sequence[int], *arguments: Any) -> int:
         """Run a loop over all tiles.
 
         Args:
             name: "step" or "reset".
             words: Numbers, and addresses of arrays, of the arguments that differ from call to call: `CHANGING`.
             *arguments: All arguments after the numbers of the tiles.
+
+        Raises:
+            Untraceable: If the loop cannot be translated; nothing has run then.
         """
-        if isinstance(loop := getattr(self.loops, name), Program):
-            try:
-                if self._is_parallel:
-                    with Threads.taken() as parts:
-                        calls = self._calls_of(name, parts, loop, words, arguments)
-                        return sum(Threads.run([call.count for call in calls]))
-                (call,) = self._calls_of(name, 1, loop, words, arguments)
-                if name == "step":
-                    self.serial = call
-                return call.count()
-            except Untraceable as error:
-                self._warn(error)
-                self._use(loops_of(self._system._replace(compiled=False)))
-        return getattr(self.loops, name)(0, self._n_tiles, *arguments) or 0
+        if name == "step" and self._serial is not None:  # most steps, in half the time
+            return self._with(words, name, self._serial).count()
+        loop = getattr(self.loops, name)
+        if not isinstance(loop, Program):
+            return loop(0, self._n_tiles, *arguments) or 0
+        if self._is_parallel:
+            with Threads.taken() as parts:
+                calls = self._calls_of(name, parts, loop, words, arguments)
+                return sum(Threads.run([call.count for call in calls]))
+        (call,) = self._calls_of(name, 1, loop, words, arguments)
+        if name == "step":
+            self._serial = call
+        return call.count()
 
     def _calls_of(
-        self, name: str, parts: int, loop: Program, words: Iterable[int], arguments: tuple[Any, ...]
+        self, name: str, parts: int, loop: Program, words: Sequence[int], arguments: tuple[Any, ...]
     ) -> Sequence[Call]:
         """Return the calls of a loop over all tiles in some parts, each for a thread."""
         *_, observations, outcomes, _ = arguments
@@ -114,10 +116,14 @@ class Runner:
         if not (calls := self._calls.get(key, ())):
             bounds = [part * self._n_tiles // parts for part in range(parts + 1)]
             calls = self._calls[key] = [Call(loop, (*bounds[part : part + 2], *arguments)) for part in range(parts)]
+        return [self._with(words, name, call) for call in calls]
+
+    @staticmethod
+    def _with(words: Sequence[int], name: str, call: Call) -> Call:
+        """Return a call after the words of what changes are put into it."""
         for at, word in zip(CHANGING[name], words, strict=True):
-            for call in calls:
-                call.put(2 + at, word)
-        return calls
+            call.put(2 + at, word)
+        return call
 
     def keep(self, *arguments: Any) -> None:
         """Let each later step of compiled loops use the same arrays again: the fewer there are, the more finding them costs."""
