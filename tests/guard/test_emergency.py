@@ -135,6 +135,12 @@ def test_after_an_outage_in_which_messages_are_lost_for_good_somebody_must_look(
     assert stop.lost(51.6) == stop.trouble(51.6) == LOST
 
 
+def test_a_clock_that_was_set_back_does_not_shorten_a_loss():
+    stop = play(*button(50.0, 50.6, 50))
+    stop.hear(False, now=51.0, sent=50.7, number=57)
+    assert stop.lost(51.0) == LOST
+
+
 @pytest.mark.parametrize("how", ["prompt", "reliable"])
 def test_one_way_alone_does_not_count_for_ever(how):
     """A radio that carries nothing back, so that nothing is sent again; or a network that drops what is not."""

@@ -6,13 +6,14 @@ ones until it has been sent again, which takes Fast DDS up to 3 s; and *promptly
 The rule, in full:
 
 * **A press is a stop until a person enables again**, however short, from any button, and however late it is heard.
-* **So is what may have hidden one**: messages that are lost for good, if those around them were sent more than 0.5 s apart;
+* **So is what may have hidden one**: messages that are lost for good, if the next one is heard more than 0.5 s after the one
+  before them was sent (when the next one was sent may be wrong by a clock that was set);
   10 s without a message from a button that was heard before, reliably or promptly; the end of a button; 0.5 s in which this
   process did not run.
 * **The robot stands while a button is silent**, from 0.5 s after it *sent* the last message that was heard. The robot resumes
   by itself 0.5 s after the button is heard again, if no button is pressed and all that was sent until then has arrived.
-* A message that is lost between two others, less than 0.5 s apart and both ``false``, stops nothing: no press of 0.5 s can hide
-  there. If it is sent again and says ``true``, it is a press.
+* A message that is lost between two others in less than 0.5 s, both ``false``, stops nothing: no press of 0.5 s can hide there.
+  If it is sent again and says ``true``, it is a press.
 * A release needs every button: as many as were ever heard at the same time must be heard now, none may be pressed, and 0.5 s
   must have passed since the last ``true`` from any of them, and since what could hide one.
 
@@ -90,7 +91,7 @@ class EmergencyStop:
             button = None  # it cannot have sent so many messages meanwhile: this is another button's first one
         if button:
             stream.buttons.remove(button)
-            if not prompt and number is not None and number > button.number + 1 and sent - button.sent > SILENCE:
+            if not prompt and number is not None and number > button.number + 1 and now - button.sent > SILENCE:
                 self._lose("messages of the emergency stop were lost", now)
             button.number, button.pressed, button.heard = number or button.number, pressed, now
             button.sent = max(button.sent, sent)
