@@ -14,7 +14,7 @@ ARG PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu
 RUN useradd --create-home robot
 WORKDIR /opt/turtlebot-gym
 COPY . .
-RUN pip install --constraint constraints.txt '.[agents,ros,lab,view]'
+RUN pip install --constraint constraints.txt '.[agents,ros]'
 
 USER robot
 WORKDIR /home/robot

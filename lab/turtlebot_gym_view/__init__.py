@@ -1,1 +1,1 @@
-"""Drives in a browser, drawn by Bokeh: a satellite, of the extra [view], which the product never imports."""
+"""Drives in a browser, drawn by Bokeh: a satellite which the product never imports."""

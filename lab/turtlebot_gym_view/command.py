@@ -44,8 +44,6 @@ def watch(
 ) -> str:
     """Show drives in a browser: an episode of each policy, or recorded drives. Play, select times, compare.
 
-    Needs the extra [view].
-
     Args:
         policy: Policies as for evaluate, at most six; all drive the same episode.
         env: Environment: nav, pose, square, rooms, missions, or the id of another one; by default rooms
@@ -81,7 +79,7 @@ def watch(
 
 def page_of(drives: Sequence[Drive], *, title: str) -> Page:
     """Return the page of drives, which a notebook shows."""
-    with needs("view"):
+    with needs("agents"):
         from turtlebot_gym_view.page import Page
     return Page(drives=drives, title=title)
 

@@ -70,7 +70,7 @@ def test_code_blocks_work(path, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.syspath_prepend(path.with_suffix(""))  # files that the page links to
     if any('device="torch-cpu"' in block.text for block in blocks_of(path)):
-        pytest.importorskip("torch", reason="needs the extra [gpu]")
+        pytest.importorskip("torch", reason="needs torch")
     write_drive(tmp_path / "drive.csv")
     page = ModuleType("page")
     monkeypatch.setitem(sys.modules, "page", page)  # in which a term of an observation has a name

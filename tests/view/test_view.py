@@ -176,4 +176,4 @@ def test_a_missing_bokeh_is_named_with_the_remedy(tmp_path, capsys, monkeypatch)
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "bokeh", None)
     assert main(["watch", "--html", str(tmp_path / "a.html")]) == 2
-    assert "turtlebot-gym[view]" in capsys.readouterr().err
+    assert "turtlebot-gym[agents]" in capsys.readouterr().err

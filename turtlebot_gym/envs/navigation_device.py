@@ -35,7 +35,7 @@ def find_device(device: str) -> str:
     try:
         import torch
     except ImportError as error:
-        raise ImportError(f"device={device!r} needs torch: pip install 'turtlebot-gym[gpu]' ({error}).") from error
+        raise ImportError(f"device={device!r} needs torch: pip install torch ({error}).") from error
     if device == ON_PROCESSOR:
         return "cpu"
     count, number = torch.cuda.device_count(), int(device.partition(":")[2] or 0)

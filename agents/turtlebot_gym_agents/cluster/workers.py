@@ -25,7 +25,7 @@ def run(jobs: Sequence[Callable[[], T]], cluster: str | None = None, workers: in
             raise ValueError("workers is the number of processes on this machine: choose --cluster local.")
     if cluster is None:
         return [job() for job in jobs]
-    library, extra = ("joblib", "agents") if cluster == "local" else ("ray", "cluster")
+    library = "joblib" if cluster == "local" else "ray"
     try:
         from joblib import Parallel, delayed, parallel_config
 
@@ -38,7 +38,7 @@ def run(jobs: Sequence[Callable[[], T]], cluster: str | None = None, workers: in
             register_ray()
             backend = {"backend": "ray"}
     except ModuleNotFoundError as error:
-        raise ImportError(f"The cluster {cluster!r} needs {library}: pip install 'turtlebot-gym[{extra}]'.") from error
+        raise ImportError(f"The cluster {cluster!r} needs {library}: pip install {library}.") from error
     with parallel_config(**backend):
         done: Any = Parallel(n_jobs=workers or -1)(delayed(job)() for job in jobs)
     return done

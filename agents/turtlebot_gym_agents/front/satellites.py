@@ -12,28 +12,27 @@ from turtlebot_gym_agents.evaluation.evaluate import policy_of
 from turtlebot_gym_agents.front.driving import DriveResult
 
 SATELLITES = {
-    "calibrate": ("turtlebot_gym_lab.commands.calibrate", "lab"),
-    "replay": ("turtlebot_gym_lab.commands.replay", "lab"),
-    "watch": ("turtlebot_gym_view.command", "view"),
+    "calibrate": "turtlebot_gym_lab.commands.calibrate",
+    "replay": "turtlebot_gym_lab.commands.replay",
+    "watch": "turtlebot_gym_view.command",
 }
-"""Module and extra of each command."""
+"""Module of each command."""
 
 
 def satellite(name: str, attribute: str = "") -> Callable[..., Any]:
     """Return a command of a satellite, or another function beside it.
 
     Raises:
-        ImportError: If the satellite is not installed; the message names the extra.
+        ImportError: If what the satellite needs is not installed; the message says what to install.
     """
-    module, extra = SATELLITES[name]
     try:
-        return getattr(import_module(module), attribute or name)
+        return getattr(import_module(SATELLITES[name]), attribute or name)
     except ImportError as error:
-        raise ImportError(f"{name} needs the extra [{extra}]: pip install 'turtlebot-gym[{extra}]' ({error}).") from error
+        raise ImportError(f"{name} needs the extra [agents]: pip install 'turtlebot-gym[agents]' ({error}).") from error
 
 
 def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
-    """Return the view of drives, as `turtlebot-gym watch` shows it. Needs the extra [view].
+    """Return the view of drives, as `turtlebot-gym watch` shows it. Needs the extra [agents].
 
     For example ``watch("bearing", "ppo-nav", html="view.html")``. A notebook shows what is returned, and
     ``save("view.html")`` writes a file.
@@ -44,7 +43,7 @@ def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
         **options: For policies: ``env``, ``seed``, ``allow_mismatch``, and the environment's.
 
     Raises:
-        ImportError: If the viewer is not installed; the message names the extra.
+        ImportError: If Bokeh is not installed; the message says what to install.
         ValueError: If an argument is unknown or out of its range, or policies and drives are mixed.
     """
     drives = [each.record if isinstance(each, DriveResult) else each for each in what if isinstance(each, (Drive, DriveResult))]
@@ -66,6 +65,6 @@ def replay(*files: str | Path, **options: Any) -> Any:
     """Run a filter over recorded drives with known truth, as `turtlebot-gym replay`, and return errors and NEES of each.
 
     The files are bags, laser arrays, or tables with named columns; the options are the command's: ``filter``, ``noise``,
-    ``measured``, ``seeds``, ``rate``, ... It needs the extra [lab].
+    ``measured``, ``seeds``, ``rate``, ... It needs the extra [agents].
     """
     return satellite("replay")(*map(Path, files), **options)

@@ -163,7 +163,7 @@ def test_several_seeds_are_trained_by_workers_as_here(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # Ray's own, of sockets and processes that it leaves to the collector
-@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs the extra [cluster]")
+@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs ray")
 def test_a_study_on_ray_equals_one_process(tmp_path):
     import ray
 
