@@ -151,7 +151,7 @@ class Noise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kalman:
-    """The extended Kalman filter, `estimation.ekf`, with a gate, `estimation.gate`, as others have it, too."""
+    """The extended Kalman filter, `estimation.ekf`, with its gate, which others have, too."""
 
     gate: Annotated[float, config.POSITIVE_OR_INFINITE] = math.inf
     """Measurements whose normalized innovation squared exceeds this are refused (chi-square, 3 degrees of freedom)."""

@@ -9,8 +9,8 @@ from textbook import Textbook, believing, difference, off
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_filter
 from turtlebot_gym.estimation import ekf, update
+from turtlebot_gym.estimation.ekf import ONE_MEASUREMENT, judge
 from turtlebot_gym.estimation.filters import KalmanFilter, covariance_of, filter_of, matrix
-from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, judge
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman, Tutorial
 from turtlebot_gym.presets import POSE_GATE, ROUGH, TUTORIAL_FILTER, WHEEL
@@ -246,7 +246,7 @@ def test_a_measurement_of_usual_accuracy_counts_as_it_is_and_an_exact_one_leaves
         for r in (1e-12, 1e-6, 0.05, 1e9, math.inf):
             assert update.innovation_variance(variance, r) == variance + r
     belief = Belief(State(*[0.0] * 5), NOWHERE._replace(xx=1e9))
-    posterior, _ = update.update(belief, update.of_x(belief.covariance), 1.0, 0.0)
+    posterior, _ = update.update(belief, update.of_row(belief.covariance, (1.0, 0.0, 0.0)), 1.0, 0.0)
     assert posterior.mean.x == pytest.approx(1.0, abs=1e-9)
     assert math.sqrt(posterior.covariance.xx / 1e9) == pytest.approx(1e-6, rel=1e-3)
     known = Belief(State(1.0, 2.0, 0.5, 0.1, 0.2), NOWHERE)  # P = 0 and R = 0, which counts as (1 um)^2

@@ -8,7 +8,7 @@ import pytest
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.update import of_x, update
+from turtlebot_gym.estimation.update import of_row, update
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import sincos
@@ -172,7 +172,7 @@ def estimate_by_the_wall_ahead(estimate, before, senses, p, room, scene):
     mean, P = estimate.belief
     _, cosine = sincos(mean.theta)
     x = WALL - float(scene.lidar.ranges[1, 0]) * cosine  # else single precision in plain Python
-    belief, _ = update(estimate.belief, of_x(P), x - mean.x, 1e-4)
+    belief, _ = update(estimate.belief, of_row(P, (1.0, 0.0, 0.0)), x - mean.x, 1e-4)
     return ekf.Estimate(belief if cosine > 0.9 and room.scan_age == 0.0 else estimate.belief, estimate.nis, estimate.rejections)
 
 

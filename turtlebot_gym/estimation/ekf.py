@@ -3,25 +3,33 @@
 State ``[x, y, theta]``, input the executed twist, measurement the state. Its measured components are independent: three scalar
 updates in turn equal the joint one, need no matrix inverse, and keep the covariance symmetric by construction.
 
+The gate refuses a measured pose that the belief cannot explain, but never for ever. A refused pose leaves the belief as it was
+predicted. A spike, a leap or a flip does not last; after refusals for as long as `parameters.Kalman.lockout` the belief is
+wrong, and the filter starts anew from the measured pose. A belief that rests on a single measurement has no better claim than
+the next one, so there the first refusal is enough.
+
 References:
-    Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 10.3 (EKF).
+    Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 10.3 (EKF), and 5.4:
+    the normalized innovation squared and its chi-square test.
     Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977): processing scalar measurements in turn.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, choose, judge, restart
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.sixth import NOTHING, correct_both
-from turtlebot_gym.estimation.update import Variances, of_heading, of_x, of_y, update, wrapped
+from turtlebot_gym.estimation.update import NOTHING, Variances, correct_both
 from turtlebot_gym.kernel import algebra, kernel
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import expected, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, FilterTuning, Gated
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+
+ONE_MEASUREMENT = -1.0
+"""Number of refusals that stands for a belief which rests on one measurement."""
 
 
 class Estimate(NamedTuple):
@@ -31,7 +39,7 @@ class Estimate(NamedTuple):
     nis: float
     """Normalized innovation squared of the last measurement."""
     rejections: float
-    """Number of measurements refused in a row, or `gate.ONE_MEASUREMENT`; for dead reckoning, of those that were lost."""
+    """Number of measurements refused in a row, or `ONE_MEASUREMENT`; for dead reckoning, of those that were lost."""
 
 
 @kernel
@@ -94,46 +102,59 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, int
 
 
 @kernel
-def correct_position(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float, float]:
-    """Condition the belief on the position part of a measured pose.
+def correct(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float]:
+    """Condition the belief on a measured pose, and return the normalized innovation squared ``nu' S^-1 nu``, ``S = P + R``."""
+    belief, _, nis = correct_both(belief, NOTHING, z, (R[0], R[1], R[2], 0.0, 0.0, 0.0))
+    return belief, nis
 
-    Returns:
-        The posterior, with its heading not wrapped yet; the normalized innovation squared; and the rest of the heading's
-        innovation, reduced by the turn that x and y already explain, which avoids wrapping twice.
-    """
-    prior = belief.mean.theta
-    turn = wrap(z.theta - prior)
-    belief, nis_x = update(belief, of_x(belief.covariance), z.x - belief.mean.x, R[0])
-    belief, nis_y = update(belief, of_y(belief.covariance), z.y - belief.mean.y, R[1])
-    return belief, nis_x + nis_y, turn - (belief.mean.theta - prior)
+
+class Verdict(NamedTuple):
+    """What becomes of a measured pose."""
+
+    refused: bool
+    """Whether it is refused."""
+    lost: bool
+    """Whether the filter starts anew from it; never without `refused`."""
+    rejections: float
+    """Number of measurements refused in a row, or `ONE_MEASUREMENT`."""
 
 
 @kernel
-def correct(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float]:
-    """Condition the belief on a measured pose.
+def judge(rejections: float, measured: bool, is_outlier: bool, tuning: FilterTuning, dt: float) -> Verdict:
+    """Return the verdict on a measurement.
 
     Args:
-        belief: Prior mean and covariance.
-        z: Measured pose; m, m, rad.
-        R: Variances of the measured x, y and heading; m^2, m^2, rad^2. Infinite for a heading that was not measured.
-
-    Returns:
-        The posterior, and the normalized innovation squared ``nu' S^-1 nu`` with ``S = P + R``.
+        rejections: Number of measurements refused in a row before it, or `ONE_MEASUREMENT`.
+        measured: Whether there is a measurement; if not, nothing changes.
+        is_outlier: Whether its normalized innovation squared exceeds the gate.
+        tuning: Tuning of a kind with the numbers of `parameters.Kalman`.
+        dt: Interval since the last step, s.
     """
-    belief, nis, turn = correct_position(belief, z, R)
-    belief, nis_theta = update(belief, of_heading(belief.covariance), turn, R[2])
-    return wrapped(belief), nis + nis_theta
+    rules, count = tuning.kind, max(rejections, 0.0) + 1.0
+    refused = measured & is_outlier
+    enough = max(1.0 * rules.max_rejections, rules.lockout / dt - 1e-9)
+    lost = refused & ((rejections < 0.0) | (count >= enough))
+    after = count if refused else (0.0 if measured else rejections)
+    return Verdict(refused, lost, ONE_MEASUREMENT if lost else after)
+
+
+@kernel
+def settle(verdict: Verdict, measured: bool, prior: Belief, posterior: Belief, z: Pose, tuning: FilterTuning) -> Belief:
+    """Return the belief after a step: predicted, corrected, or anew from the measured pose, with the twist as executed."""
+    R, P = tuning.R, prior.covariance
+    anew = Belief(prior.mean._replace(x=z.x, y=z.y, theta=z.theta), Covariance(R[0], 0.0, 0.0, R[1], 0.0, R[2], P.vv, P.ww))
+    refused = anew if verdict.lost else prior
+    return refused if verdict.refused else (posterior if measured else prior)
 
 
 @kernel
 def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float) -> Estimate:
     """Predict, and correct by the measured pose if one arrived; see `interface.Filter`."""
-    odometry = senses.odometry
-    prior = predict(estimate.belief, odometry.twist, tuning, dt, integrator)
-    z, measured = odometry.pose, odometry.measured
+    z, twist, measured = senses.odometry
+    prior = predict(estimate.belief, twist, tuning, dt, integrator)
     posterior, nis = correct(prior, z, tuning.R)
     verdict = judge(estimate.rejections, measured, nis > tuning.kind.gate, tuning, dt)
-    belief = choose(verdict, measured, prior, posterior, restart(prior, z, tuning))
+    belief = settle(verdict, measured, prior, posterior, z, tuning)
     return Estimate(belief, nis if measured else estimate.nis, verdict.rejections)
 
 
@@ -149,18 +170,16 @@ def _gated_step(
     estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
 ) -> Estimate:
     """Predict, and correct by a plausible position and by a plausible heading."""
-    odometry, rules = senses.odometry, tuning.kind
-    prior = predict(estimate.belief, odometry.twist, tuning, dt, integrator)
-    z, measured = odometry.pose, odometry.measured
-    placed, nis, turn = correct_position(prior, z, tuning.R)
-    turned, nis_theta = update(placed, of_heading(placed.covariance), turn, tuning.R[2])
-    misplaced = nis > rules.gate
-    is_outlier = misplaced | (nis_theta > rules.heading_gate)
+    (z, twist, measured), R = senses.odometry, tuning.R
+    prior = predict(estimate.belief, twist, tuning, dt, integrator)
+    posterior, nis = correct(prior, z, R)
+    placed, nis_position = correct(prior, z, (R[0], R[1], math.inf))
+    misplaced = nis_position > tuning.kind.gate
+    is_outlier = misplaced | (nis - nis_position > tuning.kind.heading_gate)
     verdict = judge(estimate.rejections, measured, is_outlier, tuning, dt)
-    spared = prior if misplaced else wrapped(placed)
-    refused = restart(prior, z, tuning) if verdict.lost else spared
-    belief = refused if verdict.refused else (wrapped(turned) if measured else prior)
-    return Estimate(belief, nis + nis_theta if measured else estimate.nis, verdict.rejections)
+    spared = placed if verdict.refused & (not misplaced) else prior
+    belief = settle(verdict, measured, spared, posterior, z, tuning)
+    return Estimate(belief, nis if measured else estimate.nis, verdict.rejections)
 
 
 @kernel

@@ -11,10 +11,9 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 from turtlebot_gym.config import NON_NEGATIVE
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, choose, judge, restart
+from turtlebot_gym.estimation.ekf import ONE_MEASUREMENT, judge, settle
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.sixth import Sixth, correct_both, update_both
-from turtlebot_gym.estimation.update import Projection, Variances, inverse_of, wrapped
+from turtlebot_gym.estimation.update import Projection, Sixth, Variances, correct_both, inverse_of, update_both, wrapped
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.unicycle import motion
 from turtlebot_gym.parameters import FilterTuning, Kalman
@@ -108,7 +107,7 @@ def _step(
     corrects = odometry.measured & gyro.corrects
     posterior, corrected, nis = correct_both(prior, bias, z, (R[0], R[1], R[2], 0.0, 0.0, 0.0))
     verdict = judge(estimate.rejections, corrects, nis > gyro.gate, tuning, dt)
-    belief = choose(verdict, corrects, prior, posterior, restart(prior, z, tuning))
+    belief = settle(verdict, corrects, prior, posterior, z, tuning)
     bias = corrected if corrects & (nis <= gyro.gate) else bias
     alone = bias._replace(column=Pose(0.0, 0.0, 0.0))  # a belief that starts anew has nothing in common with the bias
     bias = alone if verdict.lost else bias

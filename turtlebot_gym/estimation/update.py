@@ -1,5 +1,7 @@
 """Condition a belief on one scalar measurement of any sensor: the only update equation of the package.
 
+A pose has its covariance written out. A filter may learn a scalar beside it, such as a gyro's bias or the scale of ranges.
+
 A pose whose errors are correlated, a position along a corridor, say, that is known across it, is three such measurements.
 
 References:
@@ -26,25 +28,7 @@ class Projection(NamedTuple):
     """``h P h'``."""
 
 
-@kernel
-def of_x(P: Covariance) -> Projection:
-    """Project on x, ``h = [1 0 0]``."""
-    return Projection(Pose(P.xx, P.xy, P.xt), P.xx)
-
-
-@kernel
-def of_y(P: Covariance) -> Projection:
-    """Project on y, ``h = [0 1 0]``."""
-    return Projection(Pose(P.xy, P.yy, P.yt), P.yy)
-
-
-@kernel
-def of_heading(P: Covariance) -> Projection:
-    """Project on the heading, ``h = [0 0 1]``."""
-    return Projection(Pose(P.xt, P.yt, P.tt), P.tt)
-
-
-@kernel
+@algebra
 def of_row(P: Covariance, row: tuple[float, float, float]) -> Projection:
     """Project on a weighted sum of x, y and heading, ``h = row``."""
     i, j, k = row
@@ -112,13 +96,38 @@ def update(belief: Belief, h: Projection, innovation: float, r: float) -> tuple[
     return absorb(belief, h.column, gain, inverse), gain * innovation
 
 
+class Sixth(NamedTuple):
+    """A scalar state."""
+
+    mean: float
+    variance: float
+    column: Pose
+    """Its covariance with each component of the robot's pose."""
+
+
+NOTHING = Sixth(0.0, 0.0, Pose(0.0, 0.0, 0.0))
+"""A further state that is known, and correlated with nothing."""
+
+
+@algebra
+def update_both(
+    belief: Belief, sixth: Sixth, h: Projection, across: float, innovation: float, r: float
+) -> tuple[Belief, Sixth, float]:
+    """Condition as `update.update` does; the further state has the covariance ``across`` with what is measured."""
+    inverse = inverse_of(innovation_variance(h.variance, r))
+    posterior, nis = update(belief, h, innovation, r)
+    c, s, k = sixth.column, h.column, across * inverse
+    column = Pose(c.x - k * s.x, c.y - k * s.y, c.theta - k * s.theta)
+    return posterior, Sixth(sixth.mean + k * innovation, max(sixth.variance - k * across, 0.0), column), nis
+
+
 @kernel
 def wrapped(belief: Belief) -> Belief:
     """Return a belief with its heading wrapped."""
     return belief._replace(mean=belief.mean._replace(theta=wrap(belief.mean.theta)))
 
 
-@kernel
+@algebra
 def independent(R: Variances) -> tuple[float, float, float, tuple[float, float, float]]:
     """Return the independent measurements of a pose whose errors are correlated.
 
@@ -140,3 +149,31 @@ def independent(R: Variances) -> tuple[float, float, float, tuple[float, float, 
     cross = yt - t_by_x * xy
     t_by_y = cross * inverse_of(rest)
     return -y_by_x, t_by_y * y_by_x - t_by_x, -t_by_y, (xx, rest, max(tt - t_by_x * xt - t_by_y * cross, 0.0))
+
+
+@algebra
+def correct_both(belief: Belief, sixth: Sixth, z: Pose, R: Variances) -> tuple[Belief, Sixth, float]:
+    """Condition on a pose whose errors may be correlated.
+
+    Args:
+        belief: Prior mean and covariance.
+        sixth: Prior of the further state.
+        z: Measured pose; m, m, rad.
+        R: Variances and covariances, see `update.independent`. Without covariances the result is that of x, y and heading in
+            turn, to the last bit.
+
+    Returns:
+        The posteriors, and the normalized innovation squared, without the heading if that was not measured.
+    """
+    prior, turn = belief.mean, wrap(z.theta - belief.mean.theta)
+    a, b, c, (r_x, r_y, r_theta) = independent(R)
+    belief, sixth, nis_x = update_both(
+        belief, sixth, of_row(belief.covariance, (1.0, 0.0, 0.0)), sixth.column.x, z.x - prior.x, r_x
+    )
+    h, across, now = of_row(belief.covariance, (a, 1.0, 0.0)), a * sixth.column.x + sixth.column.y, belief.mean
+    belief, sixth, nis_y = update_both(belief, sixth, h, across, a * (z.x - now.x) + (z.y - now.y), r_y)
+    h, now = of_row(belief.covariance, (b, c, 1.0)), belief.mean
+    across = b * sixth.column.x + c * sixth.column.y + sixth.column.theta
+    off = b * (z.x - now.x) + c * (z.y - now.y) + (turn - (now.theta - prior.theta))
+    belief, sixth, nis_theta = update_both(belief, sixth, h, across, off, r_theta)
+    return wrapped(belief), sixth, nis_x + nis_y + nis_theta

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.estimation.sixth import Sixth
+from turtlebot_gym.estimation.update import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.information import NEAR, Guess, ScanPoints, blurred, condition, information
 from turtlebot_gym.localization.points import DX, DY, LENGTH, X, Y

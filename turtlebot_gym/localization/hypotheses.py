@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from turtlebot_gym.estimation.sixth import Sixth
+from turtlebot_gym.estimation.update import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization import bank as banks
 from turtlebot_gym.localization import descent

@@ -17,8 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.estimation.sixth import Sixth, update_both
-from turtlebot_gym.estimation.update import Projection, of_row
+from turtlebot_gym.estimation.update import Projection, Sixth, of_row, update_both
 from turtlebot_gym.kernel import compiled_scratch, is_plain, kernel
 from turtlebot_gym.localization.points import DX, DY, LENGTH, X, Y
 from turtlebot_gym.localization.tuning import LocalizerTuning

@@ -18,8 +18,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from turtlebot_gym.estimation.sixth import Sixth
-from turtlebot_gym.estimation.update import wrapped
+from turtlebot_gym.estimation.update import Sixth, wrapped
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.descent import LEAST_BEAMS, best_descent, widened
 from turtlebot_gym.localization.information import ScanPoints

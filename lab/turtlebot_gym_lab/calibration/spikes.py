@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple
 
 from turtlebot_gym.config import NON_NEGATIVE, PROBABILITY, check_fields
 from turtlebot_gym.estimation.ekf import predict
-from turtlebot_gym.estimation.update import absorb, innovation_variance, inverse_of, of_heading, of_x, of_y, update, wrapped
+from turtlebot_gym.estimation.update import absorb, innovation_variance, inverse_of, of_row, update, wrapped
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
@@ -70,13 +70,13 @@ def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, i
     R, share, spike, measured = tuning.R, tuning.kind.spike_probability, tuning.kind.spike, odometry.measured
     prior, z = predict(belief, odometry.twist, tuning, dt, integrator), odometry.pose
     turn = wrap(z.theta - prior.mean.theta)
-    h_x = of_x(prior.covariance)
+    h_x = of_row(prior.covariance, (1.0, 0.0, 0.0))
     placed, nis_x = update(prior, h_x, z.x - prior.mean.x, R[0])
-    h_y = of_y(placed.covariance)
+    h_y = of_row(placed.covariance, (0.0, 1.0, 0.0))
     placed, nis_y = update(placed, h_y, z.y - placed.mean.y, R[1])
     precision = inverse_of(innovation_variance(h_x.variance, R[0])) * inverse_of(innovation_variance(h_y.variance, R[1]))
     nis, turn = nis_x + nis_y, turn - (placed.mean.theta - prior.mean.theta)
-    h = of_heading(placed.covariance)
+    h = of_row(placed.covariance, (0.0, 0.0, 1.0))
     inverse = inverse_of(innovation_variance(h.variance, R[2]))
     high, low = turn - spike, turn + spike
     q_true, q_high, q_low = turn * turn * inverse, high * high * inverse, low * low * inverse
