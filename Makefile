@@ -1,6 +1,5 @@
-# Every target sets up what it needs, in .venv, from pinned versions. PYTHON makes .venv, OUT takes results, DATA has recorded drives.
+# Every target sets up what it needs, in .venv, from pinned versions. PYTHON makes .venv, OUT takes results.
 PYTHON ?= python3
-DATA ?= $(if $(wildcard data/wifibot1.txt),data,../shared/data)
 OUT ?= out
 RUN := .venv/bin/
 READY := .venv/.ready
@@ -49,7 +48,7 @@ bench: $(READY)  ## speed as ratios in one run, alone and beside busy processes;
 	$(RUN)python benchmarks/speed.py --json $(OUT)/speed.json
 
 notebooks: $(READY)  ## execute the notebooks and store their outputs
-	TURTLEBOT_GYM_DATA=$(abspath $(DATA)) $(RUN)python notebooks/execute.py notebooks/*.ipynb
+	$(RUN)python notebooks/execute.py notebooks/*.ipynb
 
 docs: $(READY)  ## build the documentation into out/docs
 	NO_MKDOCS_2_WARNING=true DISABLE_MKDOCS_2_WARNING=true $(RUN)python -m mkdocs build --strict --site-dir $(abspath $(OUT))/docs

@@ -1,6 +1,5 @@
 """The notebooks: they run in an empty folder, and are stored as they ran. `make notebooks` stores their outputs anew."""
 
-import os
 import re
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,9 +20,6 @@ PATIENCE = 300
 MAX_BYTES = 600_000
 ABSOLUTE_PATH = re.compile(rf"(?<![\w.])/(?:home|mnt|opt|root|tmp|Users|usr|var)/|{re.escape(str(FOLDER.parent))}")
 LINK = re.compile(r"\]\(([^):#]+)\)")
-DATA = Path(os.environ.get("TURTLEBOT_GYM_DATA", FOLDER.parents[1] / "shared" / "data"))
-"""Recorded drives of the notebook on your robot."""
-
 
 needs_extras = pytest.mark.skipif(
     not all(map(find_spec, ("stable_baselines3", "rosidl_generator_py"))), reason="needs the extras [agents] and [ros]"
@@ -50,10 +46,7 @@ def executed(name, folder, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_it_runs_from_top_to_bottom(name, tmp_path, monkeypatch):
-    if name.startswith("05") and not (DATA / "wifibot1.txt").exists():
-        pytest.skip(f"needs the recorded drives in {DATA}")
     monkeypatch.setenv("TURTLEBOT_GYM_QUICK", "1")
-    monkeypatch.setenv("TURTLEBOT_GYM_DATA", str(DATA))
     executed(name, tmp_path, monkeypatch)
 
 
