@@ -6,7 +6,6 @@ import time
 from pathlib import Path
 
 import pytest
-from bench import NoParameters
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
@@ -15,10 +14,9 @@ from rclpy.time import Time
 from std_msgs.msg import Empty, String
 
 from cmd_vel_guard import reports
-from cmd_vel_guard.qos import LATCHED
 from turtlebot_gym.models.unicycle import advance
-from turtlebot_gym.values import STOP, Command, Pose, State
-from turtlebot_gym_ros import Every, Output, Shell
+from turtlebot_gym.values import Pose, State
+from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.base.executor import FastGroup
 from turtlebot_gym_ros.blocks.kalman_filter import FIX
 from turtlebot_gym_ros.blocks.localizer import MAP_INPUT
@@ -90,33 +88,6 @@ def test_a_reset_of_the_plant_reaches_everybody(bench):
     bench.wait_for(lambda: bench.block.resets > resets)
     bench.wait_for(lambda: bench.state == "stopping: the plant was reset")
     bench.drive()
-
-
-def test_a_schedule_begins_when_somebody_listens(runner, peer, wait_for):
-    class Scheduled:
-        inputs = {}
-        outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
-        trigger = Every(0.01)
-
-        def __init__(self, params):
-            self.reset()
-
-        def reset(self):
-            self.steps = 0
-
-        def step(self, dt):
-            self.steps += 1
-            return {"command": Command(0.001 * self.steps, 0.0)}
-
-    states = peer.hear("scheduled/state", String, LATCHED)
-    reports = peer.hear("/diagnostics", DiagnosticArray)
-    shell = Shell(Scheduled, NoParameters, context=runner.context, overrides={"start_enabled": True})
-    runner.add(shell)
-    wait_for(lambda: reports and reports[-1].status[0].values[0].value == "silent: waits for a listener on /cmd_vel")
-    assert shell.block.steps == 0
-    commands = peer.hear("cmd_vel", TwistStamped)
-    wait_for(lambda: len(commands) > 5 and states[-1].data == "active")
-    assert commands[0].twist.linear.x == 0.001  # nothing was said to nobody
 
 
 def test_each_input_that_moves_a_robot_has_one_source_but_for_what_persons_and_fixes_say():

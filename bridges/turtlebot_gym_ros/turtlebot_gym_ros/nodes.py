@@ -32,7 +32,6 @@ NODES = {
     "kalman_filter": Entry("blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate"),
     "localizer": Entry("blocks.localizer:Localizer", "estimates the pose in a map: /odom and /scan to /estimate, /amcl_pose"),
     "people_tracker": Entry("blocks.people_tracker:PeopleTracker", "tracks people: /odom and /scan to /tracks"),
-    "simulated_teleop": Entry("blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel"),
     "data_logger": Entry("recording.logger:main", "records every message to a bag"),
     "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
     "status": Entry("graph.status:main", "prints which node waits for what"),

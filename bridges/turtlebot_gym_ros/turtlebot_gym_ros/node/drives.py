@@ -77,13 +77,6 @@ class _ByClock(Scheduler):
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # the system clock may be set back
         shell.node.create_timer(trigger.period, self._tick, clock=steady, callback_group=shell.group)
 
-    def missing(self) -> str | None:
-        """Return which listener is missing, since a schedule would start before its listeners are discovered."""
-        return self._shell.outputs.unheard()
-
-    def trouble(self) -> str | None:
-        """Return None: a listener may come later."""
-
     def _tick(self) -> None:
         for stamp in self._grid.due_until(self.present()):
             if self._shell.now() >= self._quiet_until:

@@ -117,11 +117,6 @@ class Outputs:
         """Publish the messages that stop the robot."""
         self.publish(self.stops())
 
-    def unheard(self) -> str | None:
-        """Return what to wait for if an output that moves the robot has no listener."""
-        topics = (each.topic_name for key in self.moving if not (each := self._publishers[key]).get_subscription_count())
-        return next((f"waits for a listener on {topic}" for topic in topics), None)
-
     def flush(self) -> None:
         """Wait until listeners have all messages, at most 0.5 s each, since Fast DDS drops undelivered ones."""
         for publisher in (*self._publishers.values(), *self._tellers.values()):

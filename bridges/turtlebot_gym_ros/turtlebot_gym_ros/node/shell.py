@@ -47,8 +47,8 @@ class Shell:
     """A node around a block.
 
     Besides the block's topics it has the service ``~/reset`` (Trigger), subscribes to ``reset`` (Empty), on which the plant
-    announces its resets, and publishes ``/diagnostics``. If an output has a ``stop``, it also has a `Switch`, and a block that
-    runs by the clock waits until that output has a listener. With ``lock_step`` it runs by the steps' stamps (`lockstep`).
+    announces its resets, and publishes ``/diagnostics``. If an output has a ``stop``, it also has a `Switch`. With
+    ``lock_step`` it runs by the steps' stamps (`lockstep`).
 
     A parameter that is unknown, of the wrong type or out of range, or that ``make`` refuses, raises `ValueError`.
 
