@@ -51,7 +51,7 @@ def test_a_message_is_read_or_refused_in_one_line(name, number):
             pose = getattr(value, {"Fix": "pose", "GridMap": "origin"}.get(name, ""), value if name == "Pose" else ())
             assert all(abs(number) <= FARTHEST for number in pose)
         assert time.process_time() - began < 1.0
-    assert taken or name in ("Located", "Correction", "Obstacles")
+    assert taken or name in ("Located", "Transform", "Obstacles")
 
 
 @pytest.mark.parametrize("tiny", [5e-324, 1e-320, 1e-170, 1e-16, 1e10, 1e170, 1e308, math.inf, -math.inf, math.nan, 0.0, -0.0])

@@ -68,7 +68,7 @@ def test_it_stays_where_the_robot_is_and_ties_the_odometry_to_the_map(drive):
     assert loop.node.notice is None
     assert loop.node.figures["localization"] == "tracking"
     assert loop.node.figures["weight of the best hypothesis"] == "1.00"
-    (x, y, theta), child = loop.answer["tied"].value
+    (x, y, theta), child = loop.answer["tf"].value
     assert child == "odom"
     wheels, mean = loop.odometry.pose, loop.answer["estimate"].belief.mean
     expected = complex(x, y) + complex(wheels.x, wheels.y) * np.exp(1j * theta)

@@ -18,7 +18,7 @@ from turtlebot_gym.parameters import MAX_FIX_AGE, FilterTuning
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.values import ORIGIN, STOP, Command, Fix, Odometry, Pose, senses_of
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility, Gate, bounded
-from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, Input, Nis, On, Output, Resume, Stamped
+from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, TF, Input, Nis, On, Output, Resume, Stamped, Transform
 
 REMEMBERED = late_by(MAX_FIX_AGE, 0.01)
 """Number of steps stored for late fixes: half a second of odometry at 100 Hz, longer at lower rates."""
@@ -104,7 +104,7 @@ class KalmanFilter:
     def __init__(self, params: Params) -> None:
         self.trigger = replace(self.trigger, max_gap=params.max_gap)
         if params.publish_tf:
-            self.outputs = {**self.outputs, "estimate": replace(self.outputs["estimate"], transform=True)}
+            self.outputs = {**self.outputs, "tf": TF}
         self._period = params.period
         self._robot = make_robot(params.robot)
         noise = make_noise(params.noise)
@@ -191,7 +191,8 @@ class KalmanFilter:
             after = self._advance(senses, dt)
             self._gate.remember(self._time, after.belief)
         self._estimate, self._senses = after, senses
-        return {"nis": Nis(after.nis), "estimate": after} | self._verdict.news(self._agreement.cause)
+        values = {"nis": Nis(after.nis), "estimate": after} | self._verdict.news(self._agreement.cause)
+        return values | ({"tf": Transform(Pose(*after.belief.mean[:3]))} if "tf" in self.outputs else {})
 
     def _advance(self, senses: Any, dt: float) -> Any:
         """Return the estimate ``dt`` after the last one, s, by what the sensors say then."""

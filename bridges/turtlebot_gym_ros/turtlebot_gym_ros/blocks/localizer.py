@@ -31,7 +31,7 @@ from turtlebot_gym.systems.scans import drift_of
 from turtlebot_gym.values import ORIGIN, Command, Odometry, Pose
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility
 from turtlebot_gym_ros.blocks.ticks import Ticks
-from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, SCAN, Correction, Input, Nis, On, Output, Stamped
+from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, SCAN, TF, Input, Nis, On, Output, Stamped, Transform
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan: 1 s at 50 Hz."""
@@ -45,7 +45,6 @@ STATES = {TRACKING: "tracking", UNSURE: "unsure", LOST: "lost"}
 """States of the localizer in the diagnostics."""
 MAP_INPUT = Input(topic="map", type=GridMap, max_age=None, latched=True)
 MAP_OUTPUT = Output(topic="map", type=GridMap, latched=True)
-TIED = Output(topic="/tf", type=Correction)
 
 
 class Localizer:
@@ -133,7 +132,7 @@ class Localizer:
         else:
             self.inputs = {**self.inputs, "map": MAP_INPUT}
         if params.publish_tf:
-            self.outputs = {**self.outputs, "tied": TIED}
+            self.outputs = {**self.outputs, "tf": TF}
         self._q: Any = make_localizer(params.localizer, self._lidar)
         noise = make_noise(params.noise)
         self._tuning = make_filter("matched", noise)
@@ -296,5 +295,5 @@ class Localizer:
         if self._params.publish_tf:
             mean, wheels = located.belief.mean, odometry.pose
             frame = increment(Pose(*mean[:3]), wheels, ORIGIN, sincos(wrap(mean.theta - wheels.theta)))
-            values["tied"] = Stamped(Correction(frame, self._params.odom_frame), -AHEAD)
+            values["tf"] = Stamped(Transform(frame, self._params.odom_frame), -AHEAD)
         return values

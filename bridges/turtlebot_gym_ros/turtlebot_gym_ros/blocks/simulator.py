@@ -20,7 +20,7 @@ from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import MISSION, NAV, ROOM
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
-from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output, Stamped
+from turtlebot_gym_ros.node.block import PERIOD, TF, Every, Input, Output, Stamped, Transform
 
 NO_FIX = ("none", "")
 FIX_OUTPUTS = {"fix": Output(topic="pose_fix", type=Fix, newest=True, reliable=False)}
@@ -131,8 +131,12 @@ class TurtlebotSimulator:
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # other nodes handle the waypoints
         self._draws_map = bool(p.localizer) and not (plan and plan.map)
         self._map = charted(self._episode.scene) if self._draws_map else (plan.map if plan else None)
-        stated = replace(self.outputs["odometry"], transform=params.publish_tf, frame=params.odom_frame or None)
-        self.outputs = (MAP_OUTPUTS if self._map else {}) | self.outputs | {"odometry": stated}  # a localizer waits for the map
+        frame = params.odom_frame or None
+        self.outputs = (
+            (MAP_OUTPUTS if self._map else {}) | self.outputs | {"odometry": replace(self.outputs["odometry"], frame=frame)}
+        )  # a localizer waits for the map
+        if params.publish_tf:
+            self.outputs |= {"tf": replace(TF, frame=frame)}
         if self._sees_fixes:
             self.outputs |= FIX_OUTPUTS
         if self._lidar:
@@ -158,7 +162,10 @@ class TurtlebotSimulator:
             self._episode.step(command or STOP)
         self._begun = True
         world = self._episode.world
-        values: dict[str, Any] = {"truth": world.body.true_state, "odometry": world.senses.odometry}
+        odometry = world.senses.odometry
+        values: dict[str, Any] = {"truth": world.body.true_state, "odometry": odometry}
+        if "tf" in self.outputs and odometry.measured:
+            values["tf"] = Transform(odometry.pose)
         if self._sees_fixes and (now := world.senses.fix).arrived:
             values["fix"] = Stamped(Fix(now.pose, now.R, now.age, now.arrived, now.cross), now.age)
         if self._map:

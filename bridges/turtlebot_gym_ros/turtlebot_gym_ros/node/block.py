@@ -87,10 +87,8 @@ class Output:
     lock-step."""
     frame: str | None = None
     """Frame of its messages, without the prefix; None for the world's."""
-    transform: bool = False
-    """Whether a pose sent as Odometry is also published on ``/tf``, as the transform to its child frame."""
     mount: Mount | None = None
-    """Frame of a value given in a sensor's own frame; if the block publishes transforms, it is also on ``/tf_static``."""
+    """Frame of a value given in a sensor's own frame; if the block publishes a `Transform`, it is also on ``/tf_static``."""
 
 
 class Nis(NamedTuple):
@@ -136,13 +134,13 @@ class Tracks(tuple[float, ...]):
     __slots__ = ()
 
 
-class Correction(NamedTuple):
-    """The transform from the world frame to that of the odometry, which drifts in it."""
+class Transform(NamedTuple):
+    """The transform from an output's frame to another one."""
 
     pose: Pose
-    """Pose of that frame in the world's."""
-    child: str
-    """Name of that frame, without the prefix."""
+    """Pose of that frame in the output's."""
+    child: str = ""
+    """Name of that frame, without the prefix; if empty, the robot's."""
 
 
 HALT = Input(
@@ -156,6 +154,9 @@ HALT = Input(
     halts=True,
 )
 """The input of a block that moves a robot on a filter's estimate."""
+TF = Output(topic="/tf", type=Transform)
+"""The output of a block that publishes transforms, none by default: each must have one owner. As in tf2, the topic is the same
+in any namespace: robots share one tree, and the frames' prefix distinguishes them."""
 COMMANDED = Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="absent", reliable=False, wakes=False)
 """The input of a filter that compares its odometry with the command in force."""
 SCAN = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False, sole=True)

@@ -32,7 +32,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.base.names import message_type
-from turtlebot_gym_ros.node.block import Correction, Disagreement, InitialPose, Input, Nis, Resume
+from turtlebot_gym_ros.node.block import Disagreement, InitialPose, Input, Nis, Resume, Transform
 from turtlebot_gym_ros.node.fixes import (
     NOT_KNOWN,
     fix_of,
@@ -73,7 +73,7 @@ def conversion(value_type: type, *, stamped: bool = True) -> Conversion:
     """Return the conversion of a type of value, of a `Command` as TwistStamped or Twist; raise `ValueError` without one."""
     if value_type is Command and not stamped:
         return _UNSTAMPED
-    if value_type is Correction and value_type not in CONVERSIONS:
+    if value_type is Transform and value_type not in CONVERSIONS:
         raise ValueError(NO_TF)
     if value_type not in CONVERSIONS:
         raise ValueError(f"No message is known for values of type {value_type.__name__}: call register(...) first.")

@@ -1,12 +1,10 @@
-"""A block's outputs as topics, and poses among them on ``/tf`` and ``/tf_static``."""
+"""A block's outputs as topics, and the mounts of its sensors on ``/tf_static``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from geometry_msgs.msg import TransformStamped
-from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -16,11 +14,10 @@ from std_msgs.msg import Header
 
 from cmd_vel_guard.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
 from cmd_vel_guard.sources import type_name
-from cmd_vel_guard.values import Mount
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.node.block import Output, Stamped
-from turtlebot_gym_ros.node.convert import NO_TF, conversion
+from turtlebot_gym_ros.node.block import Output, Stamped, Transform
+from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import transform_to
 from turtlebot_gym_ros.node.triggers import SECOND
@@ -40,9 +37,12 @@ class Outputs:
             self._publishers[key] = node.create_publisher(kind, output.topic, qos, qos_overriding_options=override)
         newest = {key: f"{output.topic}/newest" for key, output in declared.items() if lock_step and output.newest}
         self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
-        transformed = {key for key, output in declared.items() if output.transform}
         mounts = [output.mount for output in declared.values() if output.mount]
-        self._transforms = dict.fromkeys(transformed, _Transforms(node, mounts, common)) if transformed else {}
+        if mounts and (tf := next((key for key, output in declared.items() if output.type is Transform), None)):
+            kind, header = self._ways[tf].message, Header(frame_id=common.body)
+            there = [transform_to(common.sensor(mount), Pose(mount.x, mount.y, mount.yaw), header) for mount in mounts]
+            self._static = node.create_publisher(kind, "/tf_static", LATCHED)
+            self._static.publish(kind(transforms=there))
         self.moving = [key for key, output in declared.items() if output.stop is not None]
         """Names of the outputs that move the robot."""
         self._last: Mapping[str, Any] = {}
@@ -74,7 +74,8 @@ class Outputs:
         if hasattr(message, "child_frame_id"):
             message.child_frame_id = self._common.body
         for transform in getattr(message, "transforms", ()):
-            transform.child_frame_id = self._common.fixed(transform.child_frame_id)
+            child = transform.child_frame_id
+            transform.child_frame_id = self._common.fixed(child) if child else self._common.body
         return message
 
     def publish(self, messages: Mapping[str, Any]) -> None:
@@ -89,8 +90,6 @@ class Outputs:
         steps = {key: message for key, message in messages.items() if not self._declared[key].latched}
         self._last, self._step = {**held, **steps}, stamp
         self.publish(messages)
-        for key in self._transforms.keys() & messages.keys():
-            self._transforms[key].publish(messages[key])
         self._tell_newest()
 
     def _tell_newest(self) -> None:
@@ -121,33 +120,3 @@ class Outputs:
         """Wait until listeners have all messages, at most 0.5 s each, since Fast DDS drops undelivered ones."""
         for publisher in (*self._publishers.values(), *self._tellers.values()):
             publisher.wait_for_all_acked(Duration(seconds=0.5))
-
-
-class _Transforms:
-    """Publishes the transform from an Odometry's frame to its child frame, and once the transforms to the robot's sensors.
-
-    As in tf2, the topic is ``/tf`` in any namespace: robots share one tree, and the frames' prefix distinguishes them. The
-    transform from ``odom`` to the robot must have one owner, so this is off by default. Without ``tf2_msgs`` it is refused.
-    """
-
-    def __init__(self, node: Node, mounts: Sequence[Mount], common: Common) -> None:
-        try:
-            from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
-        except ImportError:
-            raise ValueError(NO_TF) from None
-        self._message, self._publisher = TFMessage, node.create_publisher(TFMessage, "/tf", 100)
-        if mounts:
-            self._static = node.create_publisher(TFMessage, "/tf_static", LATCHED)
-            header = Header(frame_id=common.body)
-            there = [transform_to(common.sensor(mount), Pose(mount.x, mount.y, mount.yaw), header) for mount in mounts]
-            self._static.publish(TFMessage(transforms=there))
-
-    def publish(self, odometry: Odometry) -> None:
-        """Publish a pose as a transform, unless it was not measured."""
-        if odometry.pose.covariance[0] < 0.0:
-            return
-        pose, transform = odometry.pose.pose, TransformStamped(header=odometry.header, child_frame_id=odometry.child_frame_id)
-        translation = transform.transform.translation
-        translation.x, translation.y, translation.z = pose.position.x, pose.position.y, pose.position.z
-        transform.transform.rotation = pose.orientation
-        self._publisher.publish(self._message(transforms=[transform]))

@@ -25,7 +25,7 @@ from turtlebot_gym.beams import TURN
 from turtlebot_gym.rooms.grid import GridMap, grid_of
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan, room_of, scan_of
 from turtlebot_gym.tracking.tracker import POINT_FIELDS, tracks_of
-from turtlebot_gym_ros.node.block import Correction, Tracks
+from turtlebot_gym_ros.node.block import Tracks, Transform
 from turtlebot_gym_ros.node.geometry import Conversion, read_pose, transform_to, unread, write_pose
 
 HEIGHT = 0.3
@@ -131,14 +131,14 @@ ROOM_CONVERSIONS: dict[type, Conversion] = {
     GridMap: Conversion(OccupancyGrid, _read_grid, _write_grid, True),
     Tracks: Conversion(PointCloud2, _read_tracks, _write_tracks, False),
 }
-"""The conversions of this module, by the type of the value; that of a `Correction` only where its message is installed."""
+"""The conversions of this module, by the type of the value; that of a `Transform` only where its message is installed."""
 try:  # it comes with a ROS installation, and is not on PyPI
     from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
 except ImportError:
     pass
 else:
 
-    def _write_correction(correction: Correction, header: Header) -> TFMessage:
-        return TFMessage(transforms=[transform_to(correction.child, correction.pose, header)])
+    def _write_transform(transform: Transform, header: Header) -> TFMessage:
+        return TFMessage(transforms=[transform_to(transform.child, transform.pose, header)])
 
-    ROOM_CONVERSIONS[Correction] = Conversion(TFMessage, unread, _write_correction, True)
+    ROOM_CONVERSIONS[Transform] = Conversion(TFMessage, unread, _write_transform, True)
