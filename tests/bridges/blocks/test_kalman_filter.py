@@ -136,19 +136,6 @@ def test_enabling_a_controller_lets_the_filter_go_on_from_where_it_knew_the_robo
     assert node.fault is None
 
 
-def test_a_fix_lets_a_displaced_robot_go_on_by_itself_if_it_stands():
-    """Partner: not while it drives, and not where the pose does not move though the wheels turn."""
-    displaced = FAR._replace(twist=STOP)
-    fix = Stamped(Fix(Pose(1.0, 0.0, 0.0), (1e-4, 1e-4, 1e-4), 0.0, True), 0.0)
-    node = driving()
-    assert node.step(0.05, displaced) == {}
-    answer = node.step(0.05, displaced, fix=fix)
-    assert answer["estimate"].belief.mean[:3] == pytest.approx((1.0, 0.0, 0.0))
-    for message in (FAR, NEXT._replace(pose=Pose(1.0, 0.0, 0.0), twist=Command(0.3, 0.0))):
-        node = final(driving(), message, 20)
-        assert "estimate" not in node.step(0.05, message, fix=fix)
-
-
 def test_odometry_that_contradicts_the_command_is_refused_though_its_parts_agree():
     node = driving()
     for _ in range(20):

@@ -44,8 +44,7 @@ class KalmanFilter:
     are refused: counted, reported, and not used. A contradiction that lasts is final: the cause is published on
     ``disagreement``, at which controllers stop, and no estimate follows until a person lets the robot go on. Enabling a
     controller does (``resume``): the filter then goes on from where it believed the robot. A pose on ``initialpose``, as RViz
-    sends it, puts a standing robot elsewhere. A robot whose odometry was reset goes on by itself if it stands and a fix says
-    where it is.
+    sends it, puts a standing robot elsewhere.
 
     Inputs: ``odometry`` (`Odometry`, on ``odom``), ``command`` (`Command`, on ``cmd_vel``), with ``takes_fixes`` ``fix``
     (`Fix`, on ``pose_fix``), ``initial_pose`` (`InitialPose`, on ``initialpose``), ``resume`` (`Resume`, on ``resume``); all
@@ -170,13 +169,9 @@ class KalmanFilter:
         twist = limit(command or STOP, self._robot) if self._by_command else odometry.twist
         judged = Odometry(odometry.pose, twist, odometry.measured) if self._by_command else odometry
         if why := self._agreement.judge(max(dt, 0.0), judged, command):
-            back = self._back(odometry, fix)
-            if back is None:
-                self._unused += dt
-                self._refuse("odometry", why)
-                return self._verdict.news(self._agreement.cause)
-            tuning, begins = back, True
-            self._agreement.judge(0.0, judged, command)
+            self._unused += dt
+            self._refuse("odometry", why)
+            return self._verdict.news(self._agreement.cause)
         self._accept("odometry")
         dt, self._unused = dt + self._unused, 0.0
         now = odometry._replace(twist=twist)
@@ -232,13 +227,6 @@ class KalmanFilter:
         mean, P = self._estimate.belief
         variances = P.xx + UNSEEN**2, P.yy + UNSEEN**2, P.tt + UNSEEN**2
         return self._place(odometry, Fix(Pose(*mean[:3]), variances, 0.0, True))
-
-    def _back(self, odometry: Odometry, fix: Stamped | None) -> FilterTuning | None:
-        """Return the tuning to start with where a fix says where a standing robot is whose odometry was displaced."""
-        if fix is None or fix.value.R[2] == math.inf or not self._agreement.displaced or not _stands(odometry):
-            return None
-        new = self._new(fix)
-        return self._place(odometry, new) if new.arrived else None
 
     def _new(self, fix: Stamped | None) -> Fix:
         """Return a fix with its age, if it is new, recent enough and credible."""
