@@ -16,8 +16,8 @@ from hostile_messages import healthy, hostile
 
 from turtlebot_gym.parameters import is_covariance
 from turtlebot_gym.values import Fix, Pose
+from turtlebot_gym_ros.node.block import FARTHEST
 from turtlebot_gym_ros.node.convert import CONVERSIONS, conversion
-from turtlebot_gym_ros.node.places import FARTHEST
 
 KINDS = {kind.__name__: way for kind, way in CONVERSIONS.items()}
 

@@ -13,8 +13,7 @@ import numpy as np
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import MAX_FIX_AGE
 from turtlebot_gym.values import Belief, Fix
-from turtlebot_gym_ros.node.block import Disagreement, Output
-from turtlebot_gym_ros.node.places import FARTHEST
+from turtlebot_gym_ros.node.block import FARTHEST, Disagreement, Output
 
 LEAST_VARIANCE = 1e-6
 """Least variance of a fix, (1 mm)^2 or (1 mrad)^2; smaller ones are raised to it, as nothing outside a robot knows more."""

@@ -16,6 +16,8 @@ from turtlebot_gym.values import Command, Fix, Pose
 
 PERIOD = Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")
 """What the period of a block may be."""
+FARTHEST = 1e5
+"""Distance from the origin along an axis beyond which no robot, goal or obstacle is, m."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,12 +14,15 @@ pitch and sideways speed, have the variance -1 by the same convention; RViz then
 `Odometry` message has no field for the normalized innovation squared, which a policy observes, so an estimate read from a
 message has the value 0 for it, and it has a topic of its own, ``nis``: x is the number, y and z are what a localizer says
 besides, or NaN. The common packages have no message for a stamped number.
+
+A `Fix` states its covariance, of which the entries above the diagonal count; the variance -1 of the heading means that it was
+not measured, and its covariances then do not count. An `InitialPose` may state none: Nav2's clients send zeros.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped, Vector3, Vector3Stamped
@@ -27,27 +30,37 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Empty, Header, String
 
 from turtlebot_gym import values
-from turtlebot_gym.config import LARGEST
+from turtlebot_gym.config import LARGEST, LEAST
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
+from turtlebot_gym.parameters import is_covariance
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.node.block import Disagreement, InitialPose, Input, Nis, Resume, Transform
-from turtlebot_gym_ros.node.fixes import (
-    NOT_KNOWN,
-    fix_of,
-    fix_to_message,
-    initial_pose_of,
-    located_to_message,
-    write_pose_covariance,
+from turtlebot_gym_ros.node.geometry import (
+    FASTEST,
+    Conversion,
+    finite,
+    place,
+    read_pose,
+    read_twist,
+    unread,
+    write_pose,
+    write_twist,
 )
-from turtlebot_gym_ros.node.geometry import FASTEST, Conversion, read_pose, read_twist, unread, write_pose, write_twist
-from turtlebot_gym_ros.node.places import finite
 from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
 # Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
 _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (14, 21, 28), (7, 14, 21, 28)
-NO_TF = "publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or take ROS from RoboStack with pixi."
+_PLANAR = (0, 7, 35)
+"""Places of the variances of x, y and heading in a row-major covariance of x y z roll pitch yaw."""
+_BESIDE = (1, 6), (5, 30), (11, 31)  # of x and y, x and yaw, y and yaw
+_NOT_KNOWN = -1.0
+"""Variance of what is not known."""
+_BY_EYE = (0.25, 0.25, (math.pi / 12.0) ** 2)
+"""Variances of x, y and heading of an initial pose that states none, m^2, m^2, rad^2: those of RViz's 2D Pose Estimate
+(rviz_default_plugins, ``initial_pose_tool.cpp``)."""
+_NO_TF = "publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or take ROS from RoboStack with pixi."
 """Refusal of a node that would publish on ``/tf``."""
 
 CONVERSIONS: dict[type, Conversion] = dict(ROOM_CONVERSIONS)
@@ -74,7 +87,7 @@ def conversion(value_type: type, *, stamped: bool = True) -> Conversion:
     if value_type is Command and not stamped:
         return _UNSTAMPED
     if value_type is Transform and value_type not in CONVERSIONS:
-        raise ValueError(NO_TF)
+        raise ValueError(_NO_TF)
     if value_type not in CONVERSIONS:
         raise ValueError(f"No message is known for values of type {value_type.__name__}: call register(...) first.")
     return CONVERSIONS[value_type]
@@ -122,7 +135,7 @@ def _odometry_of(message: Odometry) -> values.Odometry:
 def _odometry_to_message(odometry: values.Odometry, header: Header) -> Odometry:
     message = _state_to_message(State(*odometry.pose, *odometry.twist), header)
     if not odometry.measured:
-        message.pose.covariance[0] = NOT_KNOWN
+        message.pose.covariance[0] = _NOT_KNOWN
     return message
 
 
@@ -140,13 +153,68 @@ def _estimate_to_message(estimate: Estimate, header: Header) -> Odometry:
     message = _state_to_message(mean, header)
     finite("the covariance", P)
     pose, twist = message.pose.covariance, message.twist.covariance
-    write_pose_covariance(pose, (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt))
+    _write_pose_covariance(pose, (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt))
     twist[0], twist[35] = P.vv, P.ww
     twist[5] = twist[30] = 0.0
     for covariance, unused in ((pose, _UNUSED_IN_POSE), (twist, _UNUSED_IN_TWIST)):
         for at in unused:
-            covariance[at] = NOT_KNOWN
+            covariance[at] = _NOT_KNOWN
     return message
+
+
+def _write_pose_covariance(covariance: Any, variances: Iterable[float], cross: Iterable[float]) -> None:
+    """Write the variances of x, y and heading, and the covariances of x and y, x and heading, y and heading."""
+    for at, value in zip(_PLANAR, variances, strict=True):
+        covariance[at] = value
+    for (above, below), value in zip(_BESIDE, cross, strict=True):
+        covariance[above] = covariance[below] = value
+
+
+def _fix_of(message: PoseWithCovarianceStamped) -> Fix:
+    """Return a fix; raise `ValueError` if it states no covariance, or no pose."""
+    covariance = message.pose.covariance
+    x, y, heading = (float(covariance[at]) for at in _PLANAR)
+    if not (LEAST <= x <= LARGEST and LEAST <= y <= LARGEST):
+        got = f"got {x:g} and {y:g}, not {LEAST:g} to {LARGEST:g}"
+        raise ValueError(f"a fix must state positive variances of x and y, {got}")
+    if not (heading < 0.0 or LEAST <= heading <= LARGEST or heading == math.inf):
+        raise ValueError(f"a fix must state the heading's variance, or -1 where it was not measured, got {heading:g}")
+    measured, position = heading > 0.0, message.pose.pose.position
+    xy, xt, yt = (float(covariance[at]) for at, _ in _BESIDE)
+    R, cross = (x, y, heading if measured else math.inf), (xy, xt, yt) if measured else (xy, 0.0, 0.0)
+    if not is_covariance(R, cross):
+        raise ValueError(f"a fix must state a covariance, but no errors have {xy:g}, {xt:g} and {yt:g} off its diagonal")
+    pose = read_pose(message.pose.pose) if measured else place(position.x, position.y, 0.0)
+    return Fix(pose, R, 0.0, True, cross)
+
+
+def _initial_pose_of(message: PoseWithCovarianceStamped) -> InitialPose:
+    """Return the pose that a person or program shows; raise `ValueError` if its covariance is neither one nor all zeros."""
+    if any(message.pose.covariance):
+        return InitialPose(*_fix_of(message))
+    return InitialPose(read_pose(message.pose.pose), _BY_EYE, 0.0, True)
+
+
+def _pose_and_covariance(
+    pose: Iterable[float], variances: Iterable[float], cross: Iterable[float], header: Header
+) -> PoseWithCovarianceStamped:
+    message = PoseWithCovarianceStamped(header=header)
+    write_pose(message.pose.pose, pose)
+    _write_pose_covariance(message.pose.covariance, variances, cross)
+    return message
+
+
+def _fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
+    """Return the message of a fix."""
+    x, y, heading = fix.R
+    return _pose_and_covariance(fix.pose, (x, y, heading if heading < math.inf else _NOT_KNOWN), fix.cross, header)
+
+
+def _located_to_message(located: Located, header: Header) -> PoseWithCovarianceStamped:
+    """Return the message of a localizer's belief; raise `ValueError` if the covariance is not finite."""
+    mean, P = located.belief
+    finite("the covariance", P)
+    return _pose_and_covariance(mean[:3], (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt), header)
 
 
 def _command_to_stamped(command: Command, header: Header) -> TwistStamped:
@@ -181,9 +249,9 @@ register(Pose, PoseStamped, lambda message: read_pose(message.pose), _pose_to_me
 register(State, Odometry, _state_of, _state_to_message, in_world=True)
 register(values.Odometry, Odometry, _odometry_of, _odometry_to_message, in_world=True)
 register(Estimate, Odometry, _estimate_of, _estimate_to_message, in_world=True)
-register(Fix, PoseWithCovarianceStamped, fix_of, fix_to_message, in_world=True)
-register(InitialPose, PoseWithCovarianceStamped, initial_pose_of, fix_to_message, in_world=True)
-register(Located, PoseWithCovarianceStamped, unread, located_to_message, in_world=True)
+register(Fix, PoseWithCovarianceStamped, _fix_of, _fix_to_message, in_world=True)
+register(InitialPose, PoseWithCovarianceStamped, _initial_pose_of, _fix_to_message, in_world=True)
+register(Located, PoseWithCovarianceStamped, unread, _located_to_message, in_world=True)
 register(Nis, Vector3Stamped, _nis_of, _nis_to_message)
 register(
     Disagreement,

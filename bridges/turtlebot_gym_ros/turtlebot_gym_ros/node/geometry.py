@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 
 from turtlebot_gym.mounts import yaw_of_rotation
 from turtlebot_gym.values import Command, Pose
-from turtlebot_gym_ros.node.places import finite, place
+from turtlebot_gym_ros.node.block import FARTHEST
 
 
 class Conversion(NamedTuple):
@@ -39,6 +39,23 @@ _NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
 _PAIRS = sorted(product(range(len(_NUDGES)), repeat=2), key=sum)
 _NORMS = tuple(1.0 + k * 2.0**-24 for k in range(33))
 """Norms of a quaternion: near 1/8 rad the tangent has fewer bits than the angle, and none of norm 1 has some headings."""
+
+
+def finite(what: str, numbers: Iterable[float], *, most: float = math.inf) -> None:
+    """Raise a ``ValueError`` that shows the values if numbers are not finite, or larger than a limit."""
+    values = tuple(numbers)
+    if not all(map(math.isfinite, values)):
+        shown = values if len(values) < 10 else [value for value in values if not math.isfinite(value)][:3]
+        raise ValueError(f"{what} must be finite, got {', '.join(f'{value:g}' for value in shown)}")
+    if (largest := max(values, key=abs)) and abs(largest) > most:
+        raise ValueError(f"{what} holds {largest:g}, and nothing is beyond {most:g}: is it in SI units?")
+
+
+def place(x: float, y: float, theta: float) -> Pose:
+    """Return a planar pose, or raise ``ValueError``: every place that arrives or leaves is checked here."""
+    pose = Pose(x, y, theta)
+    finite("the pose", pose, most=FARTHEST)
+    return pose
 
 
 def _yaw_of(q: Quaternion) -> float:
