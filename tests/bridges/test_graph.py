@@ -45,12 +45,12 @@ def test_a_person_drives_with_the_type_of_velocity_that_is_configured(peer, wait
 
 def test_bringup_prints_the_metrics_and_writes_the_figure(capfd, tmp_path):
     figure, report = tmp_path / "drive.png", tmp_path / "drive.json"
-    assert main(["--speed", "20", "--duration", "5", "--figure", str(figure), "--json", str(report)]) == 0
+    assert main(["--seed", "3", "--duration", "5", "--figure", str(figure), "--json", str(report)]) == 0
     out = capfd.readouterr().out
     assert all(re.search(r" [\d.]+$", line) for line in out.splitlines() if not line.startswith("figure"))
     assert figure.stat().st_size > 10_000
     written = json.loads(report.read_text())
-    assert written["options"]["speed"] == 20.0
+    assert written["options"]["seed"] == 3
     assert written["metrics"]["duration, s"] >= 5.0
     assert written["metrics"]["waypoints"] == 1
 

@@ -57,7 +57,7 @@ def drive(seed, steps, *, loss):
     What is lost of a repeated answer is repeated again: the plant sends its outputs as often as it takes.
     """
     rng, loop, state, states = np.random.default_rng(seed), nodes(), 0, []
-    plant, now = Plant(Every(0.1, 0.0), now=0.0), 0.0
+    plant, now = Plant(0.1, now=0.0), 0.0
     joined = {name: int(rng.integers(0, 500)) if loss else 0 for name in loop}
     queues = {(topic, name): [] for name, node in loop.items() for topic in node.held} | {("command", "plant"): []}
     heard = None
@@ -146,8 +146,8 @@ def test_the_stamps_of_a_robot_are_refused_where_they_would_count():
 
 
 def test_the_plant_takes_each_step_once_and_only_when_all_inputs_answer_it():
-    plant = Plant(Every(0.1, 0.0), now=7.0)
-    assert plant.period == 0.1
+    plant = Plant(0.1, now=7.0)
+    assert not plant.has_begun
     assert plant.advance(7.0) == S
     assert not plant.answers([None])
     assert not plant.answers([S - TENTH])
@@ -158,23 +158,6 @@ def test_the_plant_takes_each_step_once_and_only_when_all_inputs_answer_it():
     plant.begin_episode()
     assert plant.advance(7.0) == 61 * S + TENTH
     assert plant.advance(7.0) == 61 * S + 2 * TENTH  # one leap for an episode
-
-
-def test_a_speed_is_a_limit_and_what_was_lost_is_not_caught_up_with():
-    plant = Plant(Every(0.1, 4.0), now=10.0)
-    assert plant.wait(10.0) == 0.0
-    plant.advance(10.0)
-    assert plant.wait(10.0) == pytest.approx(0.025)
-    plant.advance(10.025)
-    assert plant.wait(10.025) == pytest.approx(0.025)
-    assert plant.wait(12.0) == 0.0
-    plant.advance(12.0)  # it waited for two seconds
-    plant.advance(12.0)  # and is late by one step at most
-    assert plant.wait(12.0) == pytest.approx(0.025)
-    unlimited = Plant(Every(0.1, 0.0), now=0.0)
-    assert unlimited.wait(0.0) == 0.0
-    unlimited.advance(0.0)
-    assert unlimited.wait(0.0) == 0.0
 
 
 MS = SECOND // 1000

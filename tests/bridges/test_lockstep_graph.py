@@ -69,10 +69,10 @@ def test_a_busy_machine_changes_no_number(compare, processes):
 @pytest.mark.slow
 def test_a_reset_begins_the_next_episode(compare, peer):
     drive = compare.SquareDrive("bearing", "tutorial", "time", "burger", 3)
-    with Graph(**drive._asdict(), goal_tolerance=0.0, speed=20.0) as graph:
+    with Graph(**drive._asdict(), goal_tolerance=0.0) as graph:
         graph.wait_until(lambda graph: graph.time > 40.0)
         assert peer.ask("turtlebot_simulator/reset", Trigger, Trigger.Request()).success
-        graph.wait_until(lambda graph: graph.time < 40.0)  # for two seconds: nobody looks away for so long
+        graph.wait_until(lambda graph: graph.time < 40.0)
         graph.wait_until(lambda graph: graph.time >= 10.0)
         trajectory = graph.trajectory()
     assert_same(compare, compare.episode(drive, 100, number=1), compare.first(trajectory, 100))
@@ -82,7 +82,7 @@ def test_a_reset_begins_the_next_episode(compare, peer):
 @pytest.mark.parametrize("name", CHAIN[1:])
 def test_a_node_that_is_suspended_is_waited_for_and_costs_no_bit(compare, name):
     drive = compare.SquareDrive("bearing", "rough", "time", "burger", 3)
-    with Graph(**drive._asdict(), goal_tolerance=0.0, processes=True, speed=20.0) as graph:
+    with Graph(**drive._asdict(), goal_tolerance=0.0, processes=True) as graph:
         graph.wait_until(lambda graph: graph.time > 3.0)
         (process,) = (process for process in graph._processes if name in process.args)
         process.send_signal(signal.SIGSTOP)

@@ -48,7 +48,6 @@ def test_what_a_block_cannot_do_is_refused(node, given, said):
     [
         (["flight_controller"], "there is no node 'flight_controller'"),
         (["velocity_controller", "--ros-args", "-p", "polcy:=bearing"], "Did you mean 'policy'?"),
-        (["turtlebot_simulator", "--ros-args", "-p", "speed:=0"], "speed must be 1"),
         (["kalman_filter", "--ros-args", "-p", "lock_step:=true", "-p", "twist:=commanded"], "lock_step must be false"),
         (["kalman_filter", "filter:=matched"], "unknown argument 'filter:=matched'"),
         (["bringup", "--policy", "nope.onnx"], "No such file or directory: 'nope.onnx'"),

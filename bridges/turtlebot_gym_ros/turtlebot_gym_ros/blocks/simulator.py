@@ -74,8 +74,6 @@ class TurtlebotSimulator:
         """"euler" or "midpoint"."""
         period: Annotated[float, PERIOD] = 0.1
         """Period of the odometry and of the simulation, s."""
-        speed: Annotated[float, Range(0.0, 1000.0, open_high=True)] = 1.0
-        """1 for real time; in lock-step the highest multiple of it, and 0 for as fast as the nodes answer."""
         seed: Annotated[int, Range(0, MAX_SEED, whole=True)] = 0
         """Seed of the noise."""
         publish_tf: bool = False
@@ -110,7 +108,7 @@ class TurtlebotSimulator:
 
     inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
     outputs = {"truth": Output(topic="true_state", type=State), "odometry": Output(topic="odom", type=Odometry)}
-    trigger = Every(0.1, 1.0)
+    trigger = Every(0.1, plant=True)
 
     def __init__(self, params: Params) -> None:
         room = replace(MISSION, laps=params.goals) if params.goals else ROOM
@@ -126,7 +124,7 @@ class TurtlebotSimulator:
             lidar=params.lidar if params.in_room else None,
             localizer=params.localizer or None,
         ).setup()
-        self.trigger = replace(self.trigger, period=params.period, speed=params.speed)
+        self.trigger = replace(self.trigger, period=params.period)
         self._sees_fixes, self._lidar = bool(p.fix), p.room.lidar if p.room else None
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # other nodes handle the waypoints
         self._draws_map = bool(p.localizer) and not (plan and plan.map)

@@ -34,7 +34,6 @@ REACHED = 0.3
 """Distance within which a waypoint counts as reached, m."""
 NOTHING = "nothing was driven: no true state came with odometry and an estimate. Do other nodes run in this ROS_DOMAIN_ID?"
 OPTIONS: dict[str, dict[str, Any]] = {
-    "--speed": {"type": float, "help": "1 is real time; by default as fast as the nodes answer, in lock-step"},
     "--policy": {"help": "bearing (default), vfh or another baseline, ppo-square, FILE.onnx, or module:callable"},
     "--robot": {"help": f"{', '.join(ROBOTS)}, or FILE.yaml (default: burger)"},
     "--noise": {"help": f"{', '.join(NOISES)}, or FILE.yaml (default: tutorial)"},
@@ -103,6 +102,7 @@ def parser() -> argparse.ArgumentParser:
         "no obstacles to avoid; a real one has, and only a policy that reads scans, such as vfh, sees them.",
     )
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")
+    parser.add_argument("--real-time", action="store_true", help="as a robot; else in lock-step, as fast as the nodes answer")
     parser.add_argument("--processes", action="store_true", help="run each node in its own process")
     parser.add_argument("--duration", type=float, default=60.0, help="length of the drive, s (default: 60)")
     parser.add_argument("--allow-mismatch", action="store_true", help="also drive a policy made for another task")

@@ -12,7 +12,7 @@ from typing import Any
 from std_srvs.srv import SetBool, Trigger
 
 from cmd_vel_guard.process import SETTLE, Runner
-from turtlebot_gym.config import Range, choose
+from turtlebot_gym.config import choose
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.observations import EVIDENCE, SCAN, TRACKS
 from turtlebot_gym.rooms.worlds import find_lidar
@@ -47,9 +47,8 @@ class Graph:
 
     Once it is started, all nodes have found each other, and in autonomous mode the robot is at the start and enabled.
 
-    At speed 1 it runs in real time. At other speeds it runs on simulated time in lock-step: each step waits for its command, so
-    that the drive is bit-identical to the environment's with the same seed, on any machine. A person's commands belong to no
-    step, so teleoperation runs in real time.
+    It runs on simulated time in lock-step: each step waits for its command, so that the drive is bit-identical to the
+    environment's with the same seed, on any machine. A person's commands belong to no step, so teleoperation runs in real time.
 
     With a ``world`` the simulator is in a room, and the waypoint is the room's goal; with ``goals`` it gives several in turn.
     With a ``localizer`` the estimate is the localizer's, in the frame ``map``, instead of the filter's.
@@ -57,7 +56,7 @@ class Graph:
     Args:
         mode: "autonomous" or "teleoperation".
         processes: Whether each node runs in a process of its own.
-        speed: 1 for real time, None for as fast as the nodes answer; any other value is the largest multiple of real time.
+        real_time: Whether it runs in real time, as on a robot.
         namespace: Namespace of all nodes and topics, such as "robot1", so that several robots can share one ROS domain.
         frame_prefix: Prefix of all frames; None for that of the namespace, "robot1/".
         allow_mismatch: Whether a policy that was made for another task may drive.
@@ -73,7 +72,7 @@ class Graph:
         *,
         mode: str = "autonomous",
         processes: bool = False,
-        speed: float | None = None,
+        real_time: bool = False,
         namespace: str = "",
         frame_prefix: str | None = None,
         allow_mismatch: bool = False,
@@ -96,19 +95,14 @@ class Graph:
         self._ending, self._failed = ExitStack(), Event()
         self._in_processes = processes
         self._autonomous = mode == "autonomous"
-        if speed is not None:
-            Range(0.0, 1e3, open_low=True, open_high=True).check("speed", speed)
-        if not self._autonomous and speed not in (None, 1.0):
-            raise ValueError(f"speed must be 1 in teleoperation, got {speed!r}: a person's commands belong to no step.")
-        self._lock_step = self._autonomous and speed != 1.0
-        pace = float(speed or (0.0 if self._autonomous else 1.0))
+        self._lock_step = self._autonomous and not real_time
         if self._autonomous:
             parameters = _fit_room(parameters, allow_mismatch=allow_mismatch)
         if "tick" in parameters:  # the tracker's parameter, which a policy that reads its tracks brings
             self._names = (*self._names, "people_tracker")
         if parameters.get("fix", "none") not in NO_FIX:
             parameters = {"takes_fixes": True, **parameters}
-        self._parameters = {name: self._for_node(name, pace, parameters) for name in self._names}
+        self._parameters = {name: self._for_node(name, parameters) for name in self._names}
         if unknown := set(parameters).difference(*self._parameters.values()):
             raise ValueError(f"no node of mode {mode!r} has a parameter {', '.join(sorted(unknown))}.")
         self.in_room = parameters.get("world", "open") not in OPEN_GROUND
@@ -117,13 +111,11 @@ class Graph:
         try:
             Common(lock_step=self._lock_step, enable_stamped_cmd_vel=self._stamped)
         except ValueError as error:
-            raise ValueError(f"{error} It works at speed 1, in real time.") from None
+            raise ValueError(f"{error} It works in real time.") from None
 
-    def _for_node(self, name: str, speed: float, parameters: Mapping[str, Any]) -> dict[str, Any]:
+    def _for_node(self, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
         known = {*load(name).Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame", "frame_prefix"}
         chosen = {key: value for key, value in parameters.items() if key in known}
-        if name == "turtlebot_simulator":
-            chosen = {"speed": speed, **chosen}
         return {"lock_step": True, **chosen} if self._lock_step else chosen
 
     def __enter__(self) -> Graph:  # noqa: PYI034  # typing.Self needs Python 3.11

@@ -176,15 +176,14 @@ class Every:
 
     period: float
     """s"""
-    speed: float | None = None
-    """Speed as a multiple of real time, which makes the block the plant: 1, or in lock-step, where its inputs answer its
-    outputs and it publishes ``clock``, the upper limit, with 0 for none."""
+    plant: bool = False
+    """Whether the block is the plant, whose steps are the time of lock-step: there its inputs answer its outputs, and it
+    publishes ``clock``."""
     answers: str | None = None
     """Name of the input on which a block other than the plant runs in lock-step, at its stamp."""
 
     def __post_init__(self) -> None:
         PERIOD.check("period", self.period)
-        Range(0.0, 1e3, open_high=True).check("speed", self.speed or 0.0)
 
 
 @dataclass(frozen=True)

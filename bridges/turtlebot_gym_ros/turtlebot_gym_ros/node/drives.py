@@ -70,8 +70,6 @@ class _ByClock(Scheduler):
     """Steps on a grid of the ROS clock, in real time."""
 
     def __init__(self, shell: Shell, trigger: Every) -> None:
-        if trigger.speed not in (None, 1.0):
-            raise ValueError("speed must be 1, real time, unless lock_step is true.")
         super().__init__(shell, period=trigger.period)
         self._quiet_until, self._grid = -math.inf, StampGrid(trigger)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # the system clock may be set back
@@ -154,15 +152,11 @@ class _AsPlant(Scheduler):
     def __init__(self, shell: Shell, trigger: Every) -> None:
         super().__init__(shell, period=trigger.period)
         self._clock = shell.node.create_publisher(ClockMessage, "clock", STREAM)
-        self._rule = Plant(trigger, now=shell.now())
+        self._rule = Plant(trigger.period, now=shell.now())
         self._answers = {key: feed for key, feed in shell.feeds.items() if feed.declared.lock_step == "same"}
         if not self._answers:
             raise ValueError("lock_step must be false for a plant without an input that answers it.")
-        self._started = False
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        shell.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
-        self._later = shell.node.create_timer(1.0, self._go_on, clock=steady, callback_group=shell.group)
-        self._later.cancel()
+        shell.node.create_timer(0.5 * RESEND, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def present(self) -> int:
         """Return the stamp of the step that awaits its answer, ns."""
@@ -175,28 +169,20 @@ class _AsPlant(Scheduler):
 
     def on_message(self, key: str, stamp: int) -> None:
         """Take the next step if this one has been answered."""
-        if self._started and self._rule.answers(feed.stamp for feed in self._answers.values()):
+        if self._rule.answers(feed.stamp for feed in self._answers.values()):
             self._go_on()
 
     def _go_on(self) -> None:
-        """Take the next step, or set the timer for it."""
-        self._later.cancel()
-        now = self._shell.now()
-        wait = self._rule.wait(now)
-        if wait > 0.0:
-            self._later.timer_period_ns = round(wait * 1e9)
-            self._later.reset()
-            return
-        self._started = True
-        stamp = self._rule.advance(now)
+        """Take the next step."""
+        stamp = self._rule.advance(self._shell.now())
         self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
         self._shell.step(stamp)
 
     def _tick(self) -> None:
         """Take the first step, or resend a step without an answer."""
-        if not self._started:
+        if not self._rule.has_begun:
             self._go_on()
-        elif self._rule.resend(self._shell.now()) and self._later.is_canceled():
+        elif self._rule.resend(self._shell.now()):
             self._shell.outputs.publish_again()
 
     def trouble(self) -> str | None:

@@ -34,7 +34,7 @@ def trigger_of(trigger: Every | On, inputs: Mapping[str, Input]) -> On | None:
         return trigger
     if trigger.answers is not None:
         return On(trigger.answers)
-    if trigger.speed is None:
+    if not trigger.plant:
         raise ValueError("lock_step must be false for a block that runs by the clock: it answers no step.")
     return None
 
@@ -90,31 +90,28 @@ class Answers:
 
 
 class Plant:
-    """The rule of the plant: its steps, and when to resend their outputs; ``now`` is the steady clock, s."""
+    """The rule of the plant: its steps, a period apart, s, and when to resend their outputs; ``now`` is the steady clock, s."""
 
-    def __init__(self, trigger: Every, *, now: float) -> None:
-        self.period = trigger.period
-        self._period_ns = round(trigger.period * SECOND)
-        self._interval = trigger.period / trigger.speed if trigger.speed else 0.0
+    def __init__(self, period: float, *, now: float) -> None:
+        self._period_ns = round(period * SECOND)
         self.present = SECOND - self._period_ns
         """Stamp of the step that awaits its answer, ns."""
         self._leap = False
-        self._due = now
         self._began = self._sent = now
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether it has taken a step."""
+        return self.present >= SECOND
 
     def answers(self, stamps: Iterable[int | None]) -> bool:
         """Return whether inputs with these stamps answer the current step."""
-        return all(stamp == self.present for stamp in stamps)
-
-    def wait(self, now: float) -> float:
-        """Return the time until the next step is due, s; 0 if it already is."""
-        return max(self._due - now, 0.0)
+        return self.has_begun and all(stamp == self.present for stamp in stamps)
 
     def advance(self, now: float) -> int:
         """Advance to the next step, and return its stamp, ns."""
         self.present += EPISODE_GAP * SECOND if self._leap else self._period_ns
         self._leap = False
-        self._due = max(self._due, now - self._interval) + self._interval
         self._began = self._sent = now
         return self.present
 

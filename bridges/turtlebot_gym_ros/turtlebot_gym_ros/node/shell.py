@@ -101,7 +101,7 @@ class Shell:
         self._waits: str | None = "has not run yet"
         self._trouble = self._notice = None
         self._steps = self._dropped = 0
-        self._is_plant = isinstance(block.trigger, Every) and block.trigger.speed is not None
+        self._is_plant = isinstance(block.trigger, Every) and block.trigger.plant
         self.group = FastGroup(node)
         self.inputs = Inputs(self)
         self.feeds = self.inputs.feeds
