@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
 
-ROWS, ROWS_IN_ROOMS = 64, 16
+ROWS, ROWS_IN_ROOMS = 64, 32
 """Most environments that drive episodes at the same time, on open ground and in rooms, where policies take longer: all of them
 are looked at until the last episode ends."""
 

@@ -77,14 +77,17 @@ class VectorFieldHistogramPolicy(Baseline):
 
     def _blocked(self, to: Sight, margin: float) -> NDArray[np.bool_]:
         """Return which candidates lead nearer to an obstacle than a margin, shape (..., 72)."""
-        away = np.abs(to.points)
+        away = np.abs(to.points).reshape(-1, to.points.shape[-1])
+        # Only few obstacles count: over all sectors, the products with the candidates would take most of the time.
+        row, sector = np.nonzero(away < np.minimum(self.sight, np.abs(to.goal) + self._robot.radius).reshape(-1, 1))
+        near, away = to.points.reshape(away.shape)[row, sector], away[row, sector]
         wide = np.arcsin(np.minimum((self._robot.radius + margin) / np.maximum(away, 1e-9), 1.0)) + HALF_SECTOR
-        counts = away < np.minimum(self.sight, np.abs(to.goal) + self._robot.radius)[..., None]
-        cosine = np.where(counts, np.cos(np.minimum(wide, np.pi)), 2.0)
-        unit = to.points / np.maximum(away, 1e-9)
-        between = np.cos(_ANGLES)[:, None] * unit.real[..., None, :]
-        between += np.sin(_ANGLES)[:, None] * unit.imag[..., None, :]  # in place: fresh memory costs more than the product
-        return np.any(between > cosine[..., None, :], axis=-1)
+        unit = (near / np.maximum(away, 1e-9))[:, None]
+        between = np.cos(_ANGLES) * unit.real + np.sin(_ANGLES) * unit.imag
+        leads = between > np.cos(np.minimum(wide, np.pi))[:, None]
+        blocked, first = np.zeros((to.goal.size, _TURNS), np.bool_), np.flatnonzero(np.diff(row, prepend=-1))
+        blocked[row[first]] = np.logical_or.reduceat(leads, first)
+        return blocked.reshape(*to.goal.shape, _TURNS)
 
     def _drive(self, to: Sight, angle: NDArray[np.float64]) -> NDArray[np.float32]:
         """Return actions (..., 2) towards directions (...), slower near contact."""
