@@ -94,6 +94,9 @@ def test_a_learning_curve_is_the_mean_of_seeds_with_its_interval(axes):
 def test_the_outcome_counts_the_waypoints_of_a_task_with_several():
     evaluation = evaluate("bearing", env="turtlebot_gym/TurtleBotSquare-v0", episodes=1)
     assert evaluation.trajectory.outcome == f"4 of 4 waypoints, success after {evaluation.episodes.time[0]:.1f} s"
+    evaluation = evaluate("bearing", env="square", robot="tutorial", switch="time", episodes=2)
+    assert evaluation.trajectory.outcome == "4 waypoints reached, time is up after 60.0 s"
+    assert evaluation.verdict() == "bearing reaches 4.00 to 4.00 waypoints."
 
 
 def test_consistency_of_an_evaluation_does_not_depend_on_batches(monkeypatch):

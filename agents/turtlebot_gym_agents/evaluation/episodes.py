@@ -73,11 +73,15 @@ def concatenate(parts: Sequence[Episodes]) -> Episodes:
     return Episodes(*joined(parts))
 
 
-def outcome_of(episodes: Episodes, at: int = 0) -> str:
-    """Return how an episode ended, in words; with several waypoints also how many were truly reached."""
-    reached, collided, given = bool(episodes.success[at]), bool(episodes.collision[at]), int(episodes.given[at])
-    waypoints = f"{episodes.arrivals[at]} of {given} waypoints, " if given > 1 else ""
-    return waypoints + ending_of(reached, collided, episodes.time[at])
+def outcome_of(episodes: Episodes, *, by_time: bool) -> str:
+    """Return how the first episode ended, in words; with several waypoints also how many were truly reached.
+
+    Where they follow ``by_time``, as many as `Episodes.reached` counts, the last one included.
+    """
+    waypoints = f"{episodes.arrivals[0]} of {episodes.given[0]} waypoints, " if episodes.given[0] > 1 else ""
+    if by_time:
+        waypoints = f"{episodes.reached[0]} waypoints reached, "
+    return waypoints + ending_of(bool(episodes.success[0]), bool(episodes.collision[0]), episodes.time[0])
 
 
 def ending_of(reached: bool, collided: bool, seconds: float) -> str:

@@ -25,6 +25,7 @@ from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.observations import TERMS
 from turtlebot_gym.observations.reading import read_items
 from turtlebot_gym.systems import Parameters
+from turtlebot_gym.tasks import by_time
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.driving import ROWS, ROWS_IN_ROOMS, driven
 from turtlebot_gym_agents.evaluation.episodes import concatenate, measure, outcome_of
@@ -111,12 +112,13 @@ def _driven(
             progress(ended)
     record = recorder.result()
     episodes = measure(record, p, config["seed"])
+    outcome = outcome_of(episodes, by_time=bool(by_time(p.task)))
     return Evaluation(
         config=config,
         limit=p.task.max_steps * p.dt,
         max_linear=p.robot.max_linear,
         episodes=episodes,
-        trajectory=replace(record.trajectory(dt=p.dt), around=around, circles=tuple(walkers), outcome=outcome_of(episodes)),
+        trajectory=replace(record.trajectory(dt=p.dt), around=around, circles=tuple(walkers), outcome=outcome),
         consistency=record.consistency(p.dt) if consistency else None,
     )
 
