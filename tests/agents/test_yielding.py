@@ -146,5 +146,9 @@ def test_more_robots_reach_their_goals_among_people():
 def test_a_policy_that_stops_for_people_needs_tracks():
     with pytest.raises(ValueError, match=r"with .*scan.*tracks"):
         make_policy("vfh+yield")(np.zeros((2, 50), np.float32))
-    with pytest.raises(ValueError, match="'tracks' needs wheel odometry"):  # it gets the term that it names
-        evaluate("vfh+yield", env=ROOMS, world="people", episodes=1)
+    with pytest.warns(UserWarning, match=r"vfh\+yield reads tracks, .* noise='wheel'\.$"):  # it gets the term that it names
+        chosen = evaluate("vfh+yield", env=ROOMS, world="people", episodes=2)
+    assert chosen.config["noise"] == "wheel"
+    assert chosen.summary() == evaluate("vfh+yield", episodes=2, **AMONG).summary()
+    with pytest.raises(ValueError, match="'tracks' needs wheel odometry"):
+        evaluate("vfh+yield", env=ROOMS, world="people", noise="rough", episodes=1)

@@ -6,6 +6,7 @@ for all policies, and differences between policies are paired.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -22,7 +23,7 @@ from turtlebot_gym.config import as_int, choose
 from turtlebot_gym.drive import NOWHERE
 from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.observations import TERMS
+from turtlebot_gym.observations import TERMS, TRACKS
 from turtlebot_gym.observations.reading import read_items
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import by_time
@@ -41,6 +42,8 @@ from turtlebot_gym_agents.policies.policy import shown, terms_of
 
 ORACLE = "oracle"
 """The name that stands for `oracle.Oracle`."""
+WHEEL = "wheel"
+"""The noise of policies that read tracks, unless another one is given."""
 BATCH = 1024
 """Number of episodes held in memory at once."""
 
@@ -87,8 +90,8 @@ def evaluate(
     parts, rows = [], ROWS_IN_ROOMS if env in (ROOMS, MISSIONS) else ROWS
     for first in range(0, episodes, BATCH):
         size = min(BATCH, episodes - first)
-        config = {"env": env, "policy": policy, "episodes": size, "seed": seed + first, **options}
         with driving(policy, env, min(size, rows), allow_mismatch=allow_mismatch, **options) as (envs, driver):
+            config = {"env": env, "policy": policy, "episodes": size, "seed": seed + first, **chosen_in(envs), **options}
             _require_read(parameters_of(envs), options)
             so_far = lambda ended, first=first: progress(first + ended)  # noqa: E731
             parts.append(_driven(envs, driver, config, so_far, consistency=consistency))
@@ -158,8 +161,8 @@ def driving(
 ) -> Iterator[tuple[VectorEnv, Policy]]:
     """Yield environments whose infos hold all that is measured, and a policy, which is made for them if it is given by name.
 
-    If the options name no observation, it has the terms that the policy reads beside those of the task. A bundle gets only
-    the package's terms so: a file names no code to run.
+    If the options name no observation, it has the terms that the policy reads beside those of the task, and if they name no
+    noise, one that these terms need. A bundle gets only the package's terms so: a file names no code to run.
     """
     given = {"vectorization_mode": "vector_entry_point", "info": "full", **arguments_of(options)}
     with closing(gym.make_vec(env, num_envs=num_envs, **given)) as envs:
@@ -171,8 +174,18 @@ def driving(
             return
     _, items = read_items(brought_by(env).get("observation", "ekf"))
     options["observation"] = (*items, *(term.spelled for term in lacks))
+    if TRACKS in lacks and options.get("noise") is None:
+        needs = f"{name_of(policy)} reads tracks, which need wheel odometry: it drives with noise={WHEEL!r}."
+        warnings.warn(needs, stacklevel=2)
+        options["noise"] = WHEEL
     with driving(policy, env, num_envs, allow_mismatch=allow_mismatch, **options) as made:
         yield made
+
+
+def chosen_in(envs: VectorEnv) -> dict[str, Any]:
+    """Return the noise of environments that `driving` chose, or was given, if any."""
+    noise = envs.spec.kwargs.get("noise") if envs.spec else None
+    return {} if noise is None else {"noise": noise}
 
 
 def require_known(env: str, seed: int) -> None:
