@@ -11,7 +11,7 @@ from typing import Any
 from turtlebot_gym import parameters
 from turtlebot_gym.config import given, refusal, split, vary
 from turtlebot_gym.estimation.gyro import Gyro
-from turtlebot_gym.estimation.objects import kinds_of, maker_of, variances_of
+from turtlebot_gym.estimation.objects import Copied, kinds_of, variances_of
 from turtlebot_gym.estimation.plain import Plain
 from turtlebot_gym.files import load_object
 from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise
@@ -185,7 +185,7 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
         made = made(noise)
     corrects = not noise.odometry.wheel
     if kinds_of(made):
-        kind = Plain(make=maker_of(made), corrects=corrects)
+        kind = Plain(make=lambda tuning: Copied(made), corrects=corrects)
         return replace(matched(noise), R=variances_of(made), kind=kind)
     if _is_filter(made):
         if not isinstance(made, type):

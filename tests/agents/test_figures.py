@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
+from scipy import stats
 
 from turtlebot_gym.drive import Drive, RoomData
-from turtlebot_gym.estimation.consistency import mean_bounds
 from turtlebot_gym.rooms.scan import Obstacles
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.figures import learning_figure, plot_consistency, plot_drive, plot_learning
@@ -63,7 +63,7 @@ def test_consistency_is_a_mean_within_the_bounds_of_chi_square(axes, runs):
     assert plot_consistency(axes, 0.1 * np.arange(40), values) is axes
     (band,) = axes.collections
     heights = band.get_paths()[0].vertices[:, 1]
-    low, high = mean_bounds(3, runs, false_alarm=0.05)
+    low, high = stats.chi2.interval(0.95, 3 * runs) / np.float64(runs)
     assert (heights.min(), heights.max()) == pytest.approx((low, high))
     mean = line(axes, "NEES" if runs == 1 else f"mean NEES of {runs} runs").get_ydata()
     assert mean == pytest.approx(values.mean(axis=0))

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.estimation.consistency import mean_bounds, nees
+from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise
@@ -25,14 +26,6 @@ def test_nees_is_the_quadratic_form_with_the_heading_wrapped():
     # [[2, 1], [1, 2]]^-1 = [[2, -1], [-1, 2]] / 3: (2 * 9 - 2 * 3 * 5 + 2 * 25) / 3
     P[:2, :2] = [[2.0, 1.0], [1.0, 2.0]]
     assert nees(np.array([3.0, 5.0, 0.0]), np.zeros(3), P) == pytest.approx(38.0 / 3.0)
-
-
-def test_bounds_of_a_mean_are_those_of_the_tables():
-    # Tables of chi-square, 2.5 % on each side, for 5, 10 and 12 degrees of freedom; then 5 % on each side for 1.
-    assert mean_bounds(5, 1, false_alarm=0.05) == pytest.approx((0.831212, 12.832502), rel=1e-6)
-    assert mean_bounds(5, 2, false_alarm=0.05) == pytest.approx((3.246973 / 2.0, 20.483177 / 2.0), rel=1e-6)
-    assert mean_bounds(3, 4, false_alarm=0.05) == pytest.approx((4.403789 / 4.0, 23.336664 / 4.0), rel=1e-6)
-    assert mean_bounds(1, 1, false_alarm=0.1) == pytest.approx((0.003932, 3.841459), rel=1e-4)
 
 
 # Many independent runs of the compiled loop, all judged at one time, since errors along a run are correlated.
@@ -60,7 +53,7 @@ def simulate(tuning, *, noise=TRUE_NOISE, steps=60, integrator="midpoint"):
 
 def too_small_or_large(values, degrees):
     """Return -1, 0 or 1 for a mean below, within or above its bounds: within for all but one seed in 10^4 if all is right."""
-    low, high = mean_bounds(degrees, len(values), false_alarm=FALSE_ALARM)
+    low, high = stats.chi2.interval(1.0 - FALSE_ALARM, degrees * len(values)) / np.float64(len(values))
     return int(values.mean() > high) - int(values.mean() < low)
 
 

@@ -4,14 +4,10 @@ Its state is (x, y, theta), or (x, y, theta, v, omega) and further ones; the mea
 0.1 s, of an unscented filter for its own ``dt``; longer steps add more. An ``ExtendedKalmanFilter`` moves as the robot does, or
 by a ``predict_x(u)`` of its own in a subclass; an ``UnscentedKalmanFilter`` moves by its ``fx(x, dt, u)``. ``u`` is (v, omega):
 with three states the twist of the interval, otherwise the twist from its end on.
-
-References:
-    Labbe, *Kalman and Bayesian Filters in Python* (2015), chapters 10 and 11.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import deepcopy
 from typing import Any
 
@@ -23,8 +19,8 @@ from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 
-KNOWN = EXTENDED, UNSCENTED = "ExtendedKalmanFilter", "UnscentedKalmanFilter"
-UNKNOWN = 1e9  # variance of a heading that was not measured, rad^2
+EXTENDED, UNSCENTED = "ExtendedKalmanFilter", "UnscentedKalmanFilter"
+MOST = 1e9  # variance of a heading that stands for infinity, rad^2
 
 
 def kinds_of(given: object) -> list[str]:
@@ -35,8 +31,8 @@ def kinds_of(given: object) -> list[str]:
 
 def variances_of(given: Any) -> tuple[float, ...]:
     """Return the variances of the measured pose, the diagonal of the object's R; a ``ValueError`` refuses what does not fit."""
-    if isinstance(given, type) or not {*KNOWN} & {*kinds_of(given)}:
-        raise refusal("filter", f"an object of filterpy's {' or '.join(KNOWN)}, with its Q and R set", kinds_of(given)[0])
+    if isinstance(given, type) or not {EXTENDED, UNSCENTED} & {*kinds_of(given)}:
+        raise refusal("filter", f"an object of filterpy's {EXTENDED} or {UNSCENTED}, with its Q and R set", kinds_of(given)[0])
     states, R = len(given.P), np.asarray(given.R, np.float64)
     fits = R.shape == (3, 3) and states in (3, *range(5, 100)) and np.shape(given.Q) == (states, states)
     if not fits or np.any(R - np.diag(np.diag(R))) or not np.all(np.diag(R) > 0.0):
@@ -45,47 +41,37 @@ def variances_of(given: Any) -> tuple[float, ...]:
     return tuple(np.diag(R).tolist())
 
 
-def maker_of(given: Any) -> Callable[[Any], Any]:
-    """Return what makes the filter, as a class does for `Plain`, around a copy of an object, which stays as it is."""
-    return lambda tuning: _Worker(deepcopy(given))
+class Copied:
+    """A copy of the object, with the state and covariance of at least five numbers that `Plain` sets and reads."""
 
-
-class _Worker:
-    """The object with the state and covariance of at least five numbers that `Plain` sets and reads."""
-
-    def __init__(self, filter: Any) -> None:
-        self._filter, self._Q, self._is_extended = filter, np.array(filter.Q, np.float64), EXTENDED in kinds_of(filter)
-        self._moves_as_robot = self._is_extended and "filterpy" in type(filter).predict_x.__module__
-        self._period = REFERENCE_PERIOD if self._is_extended else filter._dt
-        self._states = len(self._Q)
+    def __init__(self, given: Any) -> None:
+        self._filter, self._Q, self._is_extended = deepcopy(given), np.array(given.Q, np.float64), EXTENDED in kinds_of(given)
         self._unload((0.0, 0.0))
 
     def predict(self, twist: NDArray[np.float64], dt: float) -> None:
-        filter, (x, y, theta, v, omega, *more), n = self._filter, self.x.tolist(), self._states
+        filter, (x, y, theta, v, omega, *more), n = self._filter, self.x.tolist(), len(self._Q)
         self._load()
-        filter.Q = self._Q * (dt / self._period)
+        filter.Q = self._Q * (dt / (REFERENCE_PERIOD if self._is_extended else filter._dt))
         u = np.array([v, omega]) if n == 3 else twist
-        if self._moves_as_robot:
+        if not self._is_extended:
+            filter.predict(dt=dt, u=u)
+        elif "filterpy" not in type(filter).predict_x.__module__:
+            filter.predict(u)
+        else:
             moved, F = motion(theta, v, omega, dt, INTEGRATORS["euler"]), np.eye(max(n, 5))
             F[3, 3] = F[4, 4] = 0.0  # commands replace the twist
             F[0, 2:5], F[1, 2:5], F[2, 4] = moved[3:6], moved[6:], dt
-            state = [x + moved.x, y + moved.y, theta + moved.theta, *twist, *more]
-            filter.x = np.reshape(state[:n], np.shape(filter.x))
+            filter.x = np.reshape([x + moved.x, y + moved.y, theta + moved.theta, *twist, *more][:n], np.shape(filter.x))
             filter.P = F[:n, :n] @ filter.P @ F[:n, :n].T + filter.Q
-        elif self._is_extended:
-            filter.predict(u)
-        else:
-            filter.predict(dt=dt, u=u)
         self._unload(twist)
 
     def update(self, z: ArrayLike, R: ArrayLike) -> None:
-        filter, (x, y, heading), H = self._filter, np.asarray(z, np.float64), np.eye(3, self._states)
+        filter, H, off = self._filter, np.eye(3, len(self._Q)), np.asarray(z, np.float64) - self.x[:3]
+        noise = np.array(R if np.ndim(R) == 2 else np.diag(R), np.float64)
+        off[2] = wrap(float(off[2]))
+        noise[2, 2] = min(noise[2, 2], MOST)
+        measured = np.reshape(self.x[:3] + off, (3, *np.shape(filter.x)[1:]))
         self._load()
-        noise = np.diag(R) if np.ndim(R) == 1 else np.array(R, np.float64)
-        if not np.isfinite(noise[2, 2]):
-            heading, noise[2] = self.x[2], (0.0, 0.0, UNKNOWN)
-            noise[:, 2] = noise[2]
-        measured = np.reshape([x, y, self.x[2] + wrap(float(heading - self.x[2]))], (3, *np.shape(filter.x)[1:]))
         if self._is_extended:
             filter.update(measured, lambda state: H, lambda state: state[:3], R=noise)
         else:
@@ -94,12 +80,12 @@ class _Worker:
         self._unload(self.x[3:5])
 
     def _load(self) -> None:
-        n, filter = self._states, self._filter
-        filter.x, filter.P = np.reshape(np.array(self.x[:n]), np.shape(filter.x)), np.array(self.P[:n, :n])
+        n, filter = len(self._Q), self._filter
+        filter.x, filter.P = np.reshape(self.x[:n], np.shape(filter.x)), self.P[:n, :n]
 
     def _unload(self, twist: ArrayLike) -> None:
         """Take state and covariance from the object; with three states the twist is as given, and exact."""
-        n = self._states
-        self.x, self.P = np.zeros(max(n, 5)), np.zeros((max(n, 5), max(n, 5)))
+        n, size = len(self._Q), max(len(self._Q), 5)
+        self.x, self.P = np.zeros(size), np.zeros((size, size))
         self.x[3:5] = twist
         self.x[:n], self.P[:n, :n] = np.ravel(self._filter.x), self._filter.P
