@@ -23,8 +23,8 @@ KEYS = [episode_key(seed, 0) for seed in range(3000)]
 
 
 def seen(state, *, std=(0.1, 0.2), nis=3.0, reference=GOAL, following=NEXT):
-    goals = goal_from(state, reference), next_goal_from(state, following)
-    return Observation(*goals[0], *twist_of(state, BURGER), *uncertainty_of(std, nis), *goals[1])
+    goals, P = (goal_from(state, reference), next_goal_from(state, following)), Covariance(std[0] ** 2, 0, 0, 0, 0, std[1] ** 2)
+    return Observation(*goals[0], *twist_of(state, BURGER), *uncertainty_of(P, nis), *goals[1])
 
 
 def test_observation_in_the_body_frame():

@@ -20,7 +20,7 @@ from turtlebot_gym.heart import NOWHERE, step_of
 from turtlebot_gym.kernel import HAS_LLVM, compiled_scratch, kernel, lanes, prefer_wide
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
-from turtlebot_gym.observations.columns import observing, runs_of
+from turtlebot_gym.observations.columns import observing, present_columns, slices_of
 from turtlebot_gym.systems import Outcome, System
 
 _SUCCESS = Outcome._fields.index("is_success")
@@ -70,10 +70,11 @@ def parts_of(system: System, case: Case | None, shares: bool = False) -> Parts:
         places = [own.index(name) if name not in fixed else len(own) + [*fixed].index(name) for name in layout.parameters.names]
         parameters = access(packing(layout.parameters.example, places), dict(enumerate(fixed.values(), len(own))))
         world = access(*reduced(system, case))
-    runs, blocks = runs_of(system.terms)
-    columns = tuple((number, run.column + number - run.start) for run in runs for number in range(run.start, run.stop))
+    present, starts = present_columns(system.terms), slices_of(system.terms)
+    columns = tuple(enumerate(present))
+    blocks = tuple((term.of, term.width, starts[term.name].start) for term in system.terms if term.in_scene)
     observe, lane_of = observing(system.terms), access(layout.observation).store
-    row_of = access(packing(layout.observation.example, [column for _, column in columns]), distance=1).store
+    row_of = access(packing(layout.observation.example, present), distance=1).store
 
     @kernel
     def show(shown, world, p):

@@ -23,15 +23,15 @@ from turtlebot_gym.values import Covariance, Pose, State
 
 
 class Observed(IntEnum):
-    """The robot's pose that a policy observes."""
+    """The robot's pose that a policy observes: the filter's estimate, the measured pose, or the true one.
+
+    ``LOCATED`` is the estimate of a robot that localizes itself; the policy also observes how well the estimate fits.
+    """
 
     EKF = 0
-    """The filter's estimate."""
     ODOMETRY = 1
-    """The measured pose."""
     TRUTH = 2
     LOCATED = -1
-    """The estimate of a robot that localizes itself; the policy also observes how well the estimate fits."""
 
 
 OBSERVED = {observed.name.lower(): observed for observed in Observed}
@@ -39,26 +39,19 @@ OBSERVED = {observed.name.lower(): observed for observed in Observed}
 
 
 class Observation(NamedTuple):
-    """The numbers of an observation on open ground; "believed" is what the environment observes."""
+    """The numbers of an observation on open ground, see the terms `GOAL`, `TWIST`, `UNCERTAINTY` and `NEXT_GOAL`."""
 
     distance: float
-    """Believed distance to the goal, m."""
     cos_bearing: float
-    """Cosine and sine of the goal's bearing in the body frame; 1 and 0 at distance 0."""
     sin_bearing: float
     cos_turn: float
-    """Cosine and sine of the remaining turn to the reference's heading."""
     sin_turn: float
     v: float
-    """Speed and turning rate, as shares of the robot's limits."""
     omega: float
     std_position: float
-    """Stated standard deviations of the position (root of the trace) and of the heading; m, rad."""
     std_heading: float
     nis: float
-    """Normalized innovation squared of the last measurement."""
     next_distance: float
-    """Distance, m, and bearing of the waypoint after this one; of the goal again if there is none."""
     cos_next: float
     sin_next: float
 
@@ -68,7 +61,7 @@ MAX_DISTANCE, MAX_TWIST, MAX_STD_POSITION, MAX_STD_HEADING, MAX_NIS = 20.0, 2.0,
 
 @kernel
 def next_goal_from(state: State, following: Pose) -> tuple[float, float, float]:
-    """Return the numbers of `NEXT_GOAL` for a believed state: distance, and cosine and sine of the bearing, of a point."""
+    """Return the numbers of `NEXT_GOAL` for a believed state."""
     sine, cosine = sincos(state.theta)
     dx, dy = following.x - state.x, following.y - state.y
     distance = sqrt(dx * dx + dy * dy)
@@ -93,31 +86,14 @@ def twist_of(state: State, robot: Robot) -> tuple[float, float]:
 
 
 @kernel
-def uncertainty_of(std: tuple[float, float], nis: float) -> tuple[float, float, float]:
-    """Return the numbers of `UNCERTAINTY` for standard deviations of position and heading, m and rad."""
-    return min(std[0], MAX_STD_POSITION), min(std[1], MAX_STD_HEADING), min(nis, MAX_NIS)
-
-
-@kernel
-def stated_deviations(P: Covariance) -> tuple[float, float]:
-    """Return the standard deviations of position (root of the trace) and heading in a covariance; m, rad."""
-    return sqrt(P.xx + P.yy), sqrt(P.tt)
+def uncertainty_of(P: Covariance, nis: float) -> tuple[float, float, float]:
+    """Return the numbers of `UNCERTAINTY` for the covariance of a belief."""
+    return min(sqrt(P.xx + P.yy), MAX_STD_POSITION), min(sqrt(P.tt), MAX_STD_HEADING), min(nis, MAX_NIS)
 
 
 @kernel
 def evidence_of(theta: float, P: Covariance, fits: float, weight: float) -> tuple[float, float, float, float]:
-    """Return the numbers of `EVIDENCE`.
-
-    Args:
-        theta: Believed heading, rad.
-        P: Covariance of the belief.
-        fits: Share of the last scan's beams that end near a surface of the map.
-        weight: Weight of the best hypothesis of where the robot is; 1 while there is only one.
-
-    Returns:
-        Stated standard deviation of the position in the direction of the believed heading, m, which in a corridor without ends
-        grows; across it; the share; and the weight.
-    """
+    """Return the numbers of `EVIDENCE` for a believed heading, rad, and the covariance of the belief."""
     sine, cosine = sincos(theta)
     cross = 2.0 * sine * cosine * P.xy
     ahead = cosine * cosine * P.xx + cross + sine * sine * P.yy
@@ -159,10 +135,10 @@ def _twist(world, p):
 
 @kernel
 def _uncertainty(world, p):
-    R, believed, measured = p.tuning.R, _is_believed(p), p.observed == Observed.ODOMETRY.value
-    position, heading = stated_deviations(world.estimate.belief.covariance)
-    by_odometry = (sqrt(R[0] + R[1]) if measured else 0.0, sqrt(R[2]) if measured else 0.0)
-    return uncertainty_of((position, heading) if believed else by_odometry, world.estimate.nis if believed else 0.0)
+    is_believed = _is_believed(p)
+    R = p.tuning.R if p.observed == Observed.ODOMETRY.value else (0.0, 0.0, 0.0)
+    P = world.estimate.belief.covariance if is_believed else Covariance(R[0], 0.0, 0.0, R[1], 0.0, R[2])
+    return uncertainty_of(P, world.estimate.nis if is_believed else 0.0)
 
 
 @kernel
@@ -193,15 +169,19 @@ def _scan_age(world, p):
 
 _POINT = ((0.0, -1.0, -1.0), (MAX_DISTANCE, 1.0, 1.0))
 GOAL = ObservationTerm("goal", _goal, (*_POINT[0], -1.0, -1.0), (*_POINT[1], 1.0, 1.0))
-"""The waypoint to reach: distance, m; cosine and sine of its bearing in the body frame, and of the heading still to turn."""
+"""The waypoint to reach from where the robot believes it is: distance, m; cosine and sine of its bearing in the body frame, 1
+and 0 at distance 0; and those of the turn that remains to its heading."""
 TWIST = ObservationTerm("twist", _twist, (-MAX_TWIST,) * 2, (MAX_TWIST,) * 2)
 """Speed and turning rate, as shares of the robot's limits."""
 UNCERTAINTY = ObservationTerm("uncertainty", _uncertainty, (0.0,) * 3, (MAX_STD_POSITION, MAX_STD_HEADING, MAX_NIS))
-"""Stated standard deviations of position and heading, m and rad, and the last measurement's normalized innovation squared."""
+"""Stated standard deviations of position (root of the trace) and heading, m and rad, and the last measurement's normalized
+innovation squared."""
 NEXT_GOAL = ObservationTerm("next_goal", _next_goal, *_POINT)
 """The waypoint after the one to reach, or the same one again: distance, m, and cosine and sine of its bearing."""
 EVIDENCE = ObservationTerm("evidence", _evidence, (0.0,) * 4, (MAX_STD_POSITION, MAX_STD_POSITION, 1.0, 1.0))
-"""How sure a localizer is, see `evidence_of`."""
+"""How sure a localizer is: stated standard deviation of the position in the direction of the believed heading, m, which grows
+in a corridor without ends, and across it; share of the last scan's beams that end near a surface of the map; and weight of the
+best hypothesis of where the robot is, 1 while there is only one."""
 SCAN = ObservationTerm("scan", _scan, (0.0,) * SECTORS, (1.0,) * SECTORS, in_scene=True)
 """Shortest range of the newest scan in each sector, from ahead to the left, as a share of 3.5 m."""
 SCAN_AGE = ObservationTerm("scan_age", _scan_age, 0.0, MAX_AGE, "s")

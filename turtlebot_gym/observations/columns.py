@@ -39,9 +39,8 @@ def columns_of(wanted: Sequence[ObservationTerm], terms: Sequence[ObservationTer
             raise ValueError(f"it reads {term.spelled!r} with other bounds or another unit than {other.spelled!r} has")
         is_shorter = other.length < term.length or (term.length > 1 and other.every != term.every)
         if term.name not in there or is_shorter:
-            raise ValueError(
-                f"it reads {term.spelled!r}, which is not in the observation {','.join(each.spelled for each in terms)}"
-            )
+            shown = ",".join(each.spelled for each in terms)
+            raise ValueError(f"it reads {term.spelled!r}, which is not in the observation {shown}")
         start = places[term.name].start
         columns.extend(range(start, start + term.size))
     return np.array(columns, np.intp)
@@ -66,36 +65,10 @@ def observing(terms: tuple[ObservationTerm, ...]) -> Callable[..., PresentValues
     return kernel(lambda world, p: PresentValues(tuple(of(world, p) for of in kernels)))
 
 
-class ColumnRun(NamedTuple):
-    """Consecutive numbers of what `observing` returns, ``start`` to ``stop`` - 1, and the column of the first."""
-
-    start: int
-    stop: int
-    column: int
-
-
-class SceneColumns(NamedTuple):
-    """An array in a scene, which ``of(scene)`` returns, and where it stands in an observation."""
-
-    of: Callable[..., Any]
-    width: int
-    column: int
-
-
-def runs_of(terms: Sequence[ObservationTerm]) -> tuple[tuple[ColumnRun, ...], tuple[SceneColumns, ...]]:
-    """Return where the present numbers of some terms stand in an observation; others are the past of a history."""
-    places, runs, blocks, number = slices_of(terms), list[ColumnRun](), list[SceneColumns](), 0
-    for term in terms:
-        column = places[term.name].start
-        if term.in_scene:
-            blocks.append(SceneColumns(term.of, term.width, column))
-            continue
-        if runs and runs[-1].column + runs[-1].stop - runs[-1].start == column:
-            runs[-1] = runs[-1]._replace(stop=number + term.width)
-        else:
-            runs.append(ColumnRun(number, number + term.width, column))
-        number += term.width
-    return tuple(runs), tuple(blocks)
+def present_columns(terms: Sequence[ObservationTerm]) -> list[int]:
+    """Return the column of each number that `observing` returns; others are in a scene, or the past of a history."""
+    places = slices_of(terms)
+    return [places[term.name].start + k for term in terms if not term.in_scene for k in range(term.width)]
 
 
 def row_of(terms: Sequence[ObservationTerm], values: Any) -> tuple[float, ...]:
@@ -105,12 +78,7 @@ def row_of(terms: Sequence[ObservationTerm], values: Any) -> tuple[float, ...]:
 
 
 class History:
-    """The past values of terms that show more than the present one, of some environments.
-
-    Args:
-        terms: The terms of the observation.
-        rows: How many environments there are.
-    """
+    """The past values of an observation's terms that show more than the present one, of ``rows`` environments."""
 
     def __init__(self, terms: Sequence[ObservationTerm], rows: int) -> None:
         places, self._at = slices_of(terms), 0

@@ -42,12 +42,10 @@ def _spelled(term: ObservationTerm) -> str:
 
 
 def read_terms(items: Sequence[str], own: Sequence[ObservationTerm]) -> tuple[ObservationTerm, ...]:
-    """Return the terms that an observation names.
+    """Return the terms that an observation names: "ekf" or another pose for a system's ``own``, a term, or "MODULE:NAME".
 
-    Args:
-        items: Names: of a pose, for all of a system's own terms; of a term; "MODULE:NAME" of one's own; with "*N", the last N
-            values, or "*N@K", each K steps before the next. A history replaces the term that was named before it.
-        own: The system's own terms.
+    With "*N" a term shows its last N values, with "*N@K" each K steps before the next. Such a history replaces the term that
+    was named before it.
 
     Raises:
         ValueError: If there is no such term, or one is named twice.

@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from turtlebot_gym.config import POSITIVE, as_int, refusal
 from turtlebot_gym.files import source_of
 
-MOST = 100
-"""Most numbers of a term, most values of it, and most steps from one to the next."""
+MOST = 100  # numbers of a term, values of it, and steps from one to the next
 SOURCE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", re.ASCII)
-"""What the source of a term is: "module:name"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +58,8 @@ class ObservationTerm:
         if not (isinstance(self.name, str) and self.name.isidentifier()):
             raise refusal("ObservationTerm.name", "a name, such as 'bumper'", self.name)
         term = f"ObservationTerm {self.name!r}"
-        try:
-            low, high = (np.atleast_1d(np.asarray(bound, np.float64)) for bound in (self.low, self.high))
-        except (TypeError, ValueError):
-            low = high = np.empty(0)
-        is_valid = low.ndim == 1 and low.shape == high.shape and 1 <= low.size <= MOST
-        if not is_valid or not (np.isfinite([low, high]).all() and (low < high).all()):
+        low, high = _numbers(self.low), _numbers(self.high)
+        if not (1 <= low.size <= MOST and low.shape == high.shape and (low < high).all()):
             raise refusal(f"{term}: low", f"up to {MOST} finite numbers, each below that of high", (self.low, self.high))
         if bool(self.topic) != bool(self.message and self.convert):
             raise ValueError(f"{term}: topic, message and convert belong together.")
@@ -101,11 +96,8 @@ class ObservationTerm:
         Raises:
             ValueError: If they are not as many finite numbers as the term has.
         """
-        try:
-            numbers = np.atleast_1d(np.asarray(value, np.float64))
-        except (TypeError, ValueError, OverflowError):
-            numbers = np.empty(0)
-        if numbers.shape != (self.width,) or not np.isfinite(numbers).all():
+        numbers = _numbers(value)
+        if len(numbers) != self.width:
             raise refusal(f"the term {self.name!r}", f"{self.width} finite number{'s' * (self.width > 1)}", value)
         return tuple(np.clip(numbers, *self.bounds).tolist())
 
@@ -132,3 +124,12 @@ class ObservationTerm:
         if not source:
             raise refusal(f"the term {self.name!r}", "at the top level of its module, by a name that a bundle states", self.of)
         return replace(self, source=source)
+
+
+def _numbers(value: Any) -> NDArray[np.float64]:
+    """Return finite numbers as an array of one axis; an empty one for anything else."""
+    try:
+        numbers = np.atleast_1d(np.asarray(value, np.float64))
+    except (TypeError, ValueError, OverflowError):
+        return np.empty(0)
+    return numbers if numbers.ndim == 1 and np.isfinite(numbers).all() else np.empty(0)

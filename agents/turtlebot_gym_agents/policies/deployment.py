@@ -25,7 +25,6 @@ from turtlebot_gym.observations import (
     evidence_of,
     goal_from,
     next_goal_from,
-    stated_deviations,
     twist_of,
     uncertainty_of,
 )
@@ -231,7 +230,7 @@ class Deployment:
         values: dict[str, Any] = {
             "goal": goal_from(mean, reference),
             "twist": twist_of(mean, self.robot),
-            "uncertainty": uncertainty_of(stated_deviations(covariance), nis),
+            "uncertainty": uncertainty_of(covariance, nis),
             "next_goal": next_goal_from(mean, following),
             "evidence": () if evidence is None else evidence_of(mean.theta, covariance, *evidence),
             "scan": tuple(sectors),
