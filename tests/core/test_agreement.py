@@ -36,7 +36,7 @@ SAID = {
     "blocked": "commanded to drive and does not move: blocked, or its emergency stop is pressed",
     "crossed": "the turning rate has the wrong sign",
 }
-"""What some lies are called; more by `test_each_mistake_of_a_driver_is_told_by_its_motion`."""
+"""What some lies are called; more by `test_a_wrong_sign_and_a_wrong_unit_are_told_by_their_motion`."""
 
 
 # A frozen twist is true as long as the robot drives as before; along x there is no y; and a drive that begins has no reset.
@@ -184,27 +184,23 @@ def test_time_alone_ends_no_refusal_and_begin_does():
     assert agreement.judge(0.0, away) == ""
 
 
-TOLD, THETA = (0.3, 0.12, 0.5), 1.2
-X, Y = 0.3 * math.cos(2.4) - 0.12 * math.sin(2.4), -0.3 * math.sin(2.4) - 0.12 * math.cos(2.4)
+WAY, TURN = 0.3 + 0.12j, 0.5
 
 
 @pytest.mark.parametrize(
     ("moved", "text"),
     [
-        ((0.0, 0.0, 0.0), "the pose does not move"),
-        ((0.3, 0.12, 0.0), "the heading stands still"),
-        ((-0.3, -0.12, 0.5), "the pose moves against the speed"),
-        ((0.3, -0.12, -0.5), "the heading turns against the turning rate"),
-        ((X, Y, 0.5), "as if y had the wrong sign"),
-        ((-Y, X, 0.5), "as if x and y were swapped"),
-        ((0.9, 0.36, 0.5), "the pose moves 3 times as far as the twist says"),
-        ((0.1, 0.04, 0.5), "the twist is 3 times too large"),
-        ((0.3 / math.cos(THETA), 0.12 / math.cos(THETA), 0.5), "the twist is in the world's frame"),
-        ((1.0, -1.0, 0.5), ""),
+        ((-WAY, TURN), "the pose moves against the speed"),
+        ((WAY.conjugate(), -TURN), "the heading turns against the turning rate"),
+        ((WAY, math.degrees(TURN)), "the heading changes 57 times as fast"),
+        ((3.0 * WAY, TURN), "the pose moves 3 times as far as the twist says"),
+        ((1000.0 * WAY, TURN), "the pose moves 1e+03 times as far as the twist says: in mm?"),
+        ((WAY / 3.0, TURN), "the twist is 3 times too large"),
+        ((1.0 - 1.0j, TURN), ""),
     ],
 )
-def test_each_mistake_of_a_driver_is_told_by_its_motion(moved, text):
-    said = _explanation(THETA, moved, TOLD, (0.05, 0.05, 0.1))
+def test_a_wrong_sign_and_a_wrong_unit_are_told_by_their_motion(moved, text):
+    said = _explanation(moved, (WAY, TURN), (0.05, 0.05, 0.1))
     assert text in said
     assert bool(text) is bool(said)
 

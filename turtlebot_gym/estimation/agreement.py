@@ -7,8 +7,8 @@ cause stays until somebody says that the robot may go on, `Agreement.begin`. Two
     FLOOR + LAG * speed + share * way + SPREAD standard deviations of both poses' noise, with a spike of each
     + the way in time without messages,
 
-with ``share`` one of `SHARES`, or more where wheels slip by more. The noise exceeds `SPREAD` once in 5e8 windows, and three
-messages in a row must contradict, so noise stops a drive less than once in a year. A recorded TurtleBot3 keeps within a tenth.
+with ``share`` one of `SHARES`, or more where wheels slip by more. Noise exceeds this in three messages in a row less than once
+in a year of driving. A recorded TurtleBot3 keeps within a tenth.
 
 A robot may start `DELAY` late, and accelerate slowly. So it counts as standing in spite of its command, or as turning the wrong
 way, if the command was in force for `DELAY` plus `SEEN`, and the twist of the last `SEEN` seconds has no tenth of it and does
@@ -17,6 +17,7 @@ not change, or the opposite sign without becoming slower; also if it becomes fas
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections import deque
 from typing import NamedTuple
@@ -48,11 +49,9 @@ UNITS = {1000.0: "mm", 100.0: "cm", 39.37: "inches", 3.281: "feet"}  # of a metr
 DEGREES = math.degrees(1.0)
 ELSEWHERE = JUMPS, ANEW, PAUSED = "odometry jumps", "odometry begins anew", "after a pause"  # of a robot that was moved
 UNEXPLAINED = "pose and twist differ"
-FROZEN = "the pose does not move though the wheels are said to turn"
-NO_HEADING = "the heading stands still though the robot is said to turn: is the IMU alive?"
 
-Motion = tuple[float, float, float]
-"""Motion over a window in the frame of its first pose: ahead, to the left, and turned; m, m, rad."""
+Motion = tuple[complex, float]
+"""Motion over a window in the frame of its first pose: ahead and, as imaginary part, to the left, m; and the turn, rad."""
 
 
 class _Said(NamedTuple):
@@ -148,9 +147,7 @@ class Agreement:
                 return f"odometry's twist of {value:g} {unit} is {factor:.0f} times {what}{_unit(factor, units, 0.3)}"
         across = odometry.across if isinstance(odometry, SidewaysOdometry) else 0.0
         if abs(across) > max(ACROSS[0], ACROSS[1] * abs(odometry.twist.v)):
-            return (
-                f"the twist has a speed of {across:g} m/s to the left, as no robot with two wheels: is it in the world's frame?"
-            )
+            return f"the twist has a speed of {across:g} m/s to the left, as no two wheels have: is it in the world's frame?"
         return ""
 
     def _advanced(self, dt: float, odometry: Odometry) -> _Said:
@@ -167,7 +164,8 @@ class Agreement:
             self._moved = now, now  # when the position and the heading changed last
         return now
 
-    def _allowed(self, first: _Said, last: _Said) -> Motion:
+    def _allowed(self, first: _Said, last: _Said) -> tuple[float, float, float]:
+        """Return by how much pose and twists may differ: ahead, to the left, and in the turn; m, m, rad."""
         way, turned, unseen = last.way - first.way, last.turned - first.turned, last.unseen - first.unseen
         interval, (a, b), (c, d) = max(last.time - first.time, 1e-9), first.twist, last.twist
         speed, rate = max(abs(a), abs(c), way / interval), max(abs(b), abs(d), turned / interval)
@@ -181,18 +179,14 @@ class Agreement:
             first = next((each for each in said if now.time - each.time >= age), None)
             if first is None:
                 break
-            moved, told, allowed = (
-                _motion(first.pose, now.pose),
-                _motion(first.reckoned, now.reckoned),
-                self._allowed(first, now),
-            )
+            moved, told = _motion(first.pose, now.pose), _motion(first.reckoned, now.reckoned)
+            allowed = self._allowed(first, now)
             if _excess(moved, told, allowed) > 1.0:
-                text = _explanation(first.pose.theta, moved, told, allowed)
-                return text or self._difference(moved, told, now.twist, now.time - first.time)
+                return _explanation(moved, told, allowed) or self._difference(moved, told, now.twist, now.time - first.time)
         return ""
 
     def _difference(self, moved: Motion, told: Motion, twist: Command, interval: float) -> str:
-        away, turned = math.hypot(moved[0] - told[0], moved[1] - told[1]), abs(wrap(moved[2] - told[2]))
+        away, turned = abs(moved[0] - told[0]), abs(wrap(moved[1] - told[1]))
         by, reach = f"by {away:.2f} m and {turned:.2f} rad", [MARGIN * most * interval for most in self._limits]
         if away > FLOOR[0] + reach[0] or turned > FLOOR[1] + reach[1]:
             return f"{JUMPS} {by} against its twist: was it reset, was the robot moved, or are there two sources?"
@@ -219,9 +213,13 @@ class Agreement:
         heading = now if heading.pose.theta != now.pose.theta else heading
         self._moved = place, heading
         if now.way - place.way > FLOOR[0] + LAG * max(abs(now.twist.v), abs(place.twist.v)) + 3.0 * self._grids[0]:
-            return FROZEN
-        turning = max(abs(now.twist.omega), abs(heading.twist.omega))
-        return NO_HEADING if now.turned - heading.turned > FLOOR[1] + LAG * turning + 3.0 * self._grids[1] else ""
+            return "the pose does not move though the wheels are said to turn"
+        if (
+            now.turned - heading.turned
+            > FLOOR[1] + LAG * max(abs(now.twist.omega), abs(heading.twist.omega)) + 3.0 * self._grids[1]
+        ):
+            return "the heading stands still though the robot is said to turn: is the IMU alive?"
+        return ""
 
     def _disobeys(self, command: Command | None) -> str:
         """Return whether the robot does not follow its command; what was in force during a gap in the messages is unknown."""
@@ -255,32 +253,22 @@ class Agreement:
         return ""
 
 
-def _explanation(theta: float, moved: Motion, told: Motion, allowed: Motion) -> str:
+def _explanation(moved: Motion, told: Motion, allowed: tuple[float, float, float]) -> str:
     """Return which mistake of a driver, each of which predicts one motion, makes pose and twist differ; or an empty text."""
-    x, y, omega = told
-    factor = math.hypot(moved[0], moved[1]) / max(math.hypot(x, y), 1e-9)
+    way, omega = told
+    factor = abs(moved[0]) / max(abs(way), 1e-9)
     ratio = factor if factor > 1.0 else 1.0 / max(factor, 1e-9)
     many = "the pose moves {:.3g} times as far as the twist says" if factor > 1.0 else "the twist is {:.3g} times too large"
-    scale = many.format(ratio) + _unit(ratio, UNITS, 0.1)
-    sine, cosine, along = math.sin(2.0 * theta), math.cos(2.0 * theta), math.cos(theta)
-    moves = math.hypot(x, y) >= 0.5 * allowed[0] or abs(omega) >= 0.5 * allowed[2]  # else most mistakes make the same of it
-    guesses = {"the heading changes 57 times as fast as the turning rate says: in degrees?": (x, y, DEGREES * omega)}
-    if moves:
-        guesses |= {
-            FROZEN: (0.0, 0.0, 0.0),
-            NO_HEADING: (x, y, 0.0),
-            "the pose moves against the speed: one of them has the wrong sign": (-x, -y, omega),
-            "the heading turns against the turning rate: one of them has the wrong sign": (x, -y, -omega),
-            "the pose moves as if x and y were swapped": (x * sine + y * cosine, x * cosine - y * sine, omega),
-            "the pose moves as if y had the wrong sign": (x * cosine - y * sine, -x * sine - y * cosine, omega),
-            "the turning rate is 57 times as large as the heading's change: in degrees/s?": (x, y, omega / DEGREES),
-        }
-    if moves and 0.2 < abs(along) < 0.9:
-        guesses["the twist is in the world's frame"] = x / along, y / along, omega
-    if moves or scale.endswith("?"):
-        guesses[scale] = factor * x, factor * y, omega
-    fits = {text: round(_excess(moved, motion, allowed), 6) for text, motion in guesses.items()}
-    best = min(fits, key=lambda text: fits[text])  # the first of the best
+    unit = _unit(ratio, UNITS, 0.1)
+    guesses = {
+        "the heading changes 57 times as fast as the turning rate says: in degrees?": (way, DEGREES * omega),
+        "the pose moves against the speed: one of them has the wrong sign": (-way, omega),
+        "the heading turns against the turning rate: one of them has the wrong sign": (way.conjugate(), -omega),
+    }
+    if unit or abs(way) >= 0.5 * allowed[0]:  # else a factor makes any motion of it
+        guesses[many.format(ratio) + unit] = factor * way, omega
+    fits = {text: _excess(moved, motion, allowed) for text, motion in guesses.items()}
+    best = min(fits, key=fits.__getitem__)
     return best if fits[best] < min(1.0, 0.5 * _excess(moved, told, allowed)) else ""
 
 
@@ -288,12 +276,12 @@ def _unit(factor: float, units: dict[float, str], within: float) -> str:
     return next((f": in {unit}?" for many, unit in units.items() if abs(factor / many - 1.0) < within), "")
 
 
-def _excess(moved: Motion, told: Motion, allowed: Motion) -> float:
+def _excess(moved: Motion, told: Motion, allowed: tuple[float, float, float]) -> float:
     """Return by how many times two motions differ by more than is tolerated."""
-    away = math.hypot((moved[0] - told[0]) / allowed[0], (moved[1] - told[1]) / allowed[1])
-    return max(away, abs(wrap(moved[2] - told[2])) / allowed[2])
+    off = moved[0] - told[0]
+    return max(math.hypot(off.real / allowed[0], off.imag / allowed[1]), abs(wrap(moved[1] - told[1])) / allowed[2])
 
 
 def _motion(first: Pose, last: Pose) -> Motion:
-    x, y, sine, cosine = last.x - first.x, last.y - first.y, math.sin(first.theta), math.cos(first.theta)
-    return cosine * x + sine * y, cosine * y - sine * x, last.theta - first.theta
+    way = complex(last.x - first.x, last.y - first.y) * cmath.rect(1.0, -first.theta)
+    return way, last.theta - first.theta
