@@ -3,11 +3,10 @@
 **Frozen.** A scan that repeats another to the bit while the robot has moved is no measurement: noise alone changes some of ten
 ranges of 1 mm in each scan. A simulated LiDAR without noise repeats itself at rest, and along a corridor whose ends are out of
 its sight. So motion counts, after all delays: a turn by `TURNED`, or `DRIVEN` with a return near the line of travel, which then
-must change, or `DRIVEN_BLIND` without one. With a time to contact of 1 s the robot stops before it has driven to where the
-frozen scan showed something: it then takes 0.02 m, one scan and the delays, 0.7 s at 0.2 m/s.
+must change, or `DRIVEN_BLIND` without one. At 0.2 m/s that takes 0.7 s with one scan and the delays.
 
-**Covered.** A scan with hardly a return for `DARK` s looks like a hall, and like a covered LiDAR. The robot stands. Whether
-other beams that return nothing are to be believed, `silence` says.
+**Covered.** A scan with hardly a return for `DARK` s looks like a hall, and like a covered LiDAR. The robot stands. About other
+beams that return nothing see `silence`.
 
 **Motion.** Points of a scan, moved as the robot has moved since, must lie on the surfaces that the next one shows. If they fit
 clearly better with the motion turned by a quarter or half a turn, `VOTES` times in a row, the LiDAR is mounted so. If they do
@@ -17,12 +16,11 @@ be seen: in a corridor whose ends are out of sight all ways of driving along it 
 slip and rooms that are symmetrical make the fits equally bad, or equally good, and are no vote.
 
 **Parts.** In a part of the LiDAR that stands still while the rest moves, points fit better without the motion. How much better
-adds up over the comparisons, until they fit better with it. Somebody who walks beside the robot at its pace looks like that,
-too: the part is believed again when the directions change that did not fit with the motion.
+adds up over the comparisons. Somebody who walks beside the robot at its pace looks like that, too: the part is believed again
+when the directions change that did not fit with the motion.
 
-**Late.** Scans that are late by a second and hide it move as the robot has moved a second before. At constant speed nothing
-shows that; where the robot starts or stops, two scans fit worse with its measured motion than with an earlier one. The
-difference of the misfits adds up for each of several ages, up to `DOUBT`.
+**Late.** Where a robot starts or stops, two scans that are late and hide it fit worse with its measured motion than with an
+earlier one. The difference of the misfits adds up for each of several ages, up to `DOUBT`.
 
 A frozen or covered LiDAR counts again when its scans change; a wrong mount or late scans not until `forget`, when a person
 enables the robot.
@@ -55,9 +53,14 @@ CAP, BETTER = 0.15, 0.6
 which another mount fits clearly better."""
 VOTES, STILL_VOTES = 3, 4
 """Comparisons in a row after which a mount is refused, or scans that do not move: a slow robot starts late."""
-QUARTERS = {1: "90 degrees to the left", 2: "180 degrees", 3: "90 degrees to the right"}
-MIRRORED, STILL, PART = 4, 8, 9
-"""Ways of seeing the motion: turned by `QUARTERS`, from this one on mirrored, not at all, and not in a part."""
+MIRRORED, STILL = 4, 8  # ways of seeing the motion: turned by quarters, from this one on mirrored, and not at all
+WAYS = {
+    1: "move as if the LiDAR were mounted turned by 90 degrees to the left: correct its mount",
+    2: "move as if the LiDAR were mounted turned by 180 degrees: correct its mount",
+    3: "move as if the LiDAR were mounted turned by 90 degrees to the right: correct its mount",
+    STILL: "do not move as the robot does: they are late, or another robot's: end their source",
+}
+EXCHANGED = "move as if left and right were exchanged: the LiDAR is upside down, or clockwise: correct its mount"
 JOINED = 0.3
 """Distance up to which neighbouring points are of one surface, m, or three times that of their directions, if larger."""
 PARTS, LEAST_IN_PART = 16, 8
@@ -103,7 +106,8 @@ class ScanWatch:
         self._key: tuple[Motion, _Points] | None = None
         self._before: tuple[float, _Points] | None = None
         self._votes: list[int] = []
-        self._still, self._doubts, self._turned_by = np.zeros(PARTS), np.zeros(len(LATE)), 0
+        self._still, self._doubts, self._wrong = np.zeros(PARTS), np.zeros(len(LATE)), ""
+        self._frozen: tuple[NDArray[np.float64], NDArray[np.bool_]] | None = None
 
     def move(self, twist: Command, now: float) -> None:
         """Take a twist that the robot has measured, in force from now on; without any, late scans are not noticed."""
@@ -140,9 +144,9 @@ class ScanWatch:
             self._equal = after.turned - before.turned >= TURNED or after.way - before.way >= least
         points = np.asarray(np.exp(1j * directions) * ranges[returned], np.complex128)
         at, bins = sent - 0.5 * self._lag, min(len(ranges), BINS)
-        if count >= COMMON and self._turned_by == PART:
-            self._thaw(points, bins)
-        elif count >= COMMON and not (repeats or self._turned_by):
+        if count >= COMMON and self._frozen:
+            self._thaw(self._frozen, points, bins)
+        elif count >= COMMON and not (repeats or self._wrong):
             self._compare(points, self.track.at(at), bins)
             if sent - self._measured_at < FRESH:
                 self._doubt(points, at, bins)
@@ -160,9 +164,9 @@ class ScanWatch:
         return self._silence.covered
 
     @property
-    def frozen(self) -> float:
-        """Angle of a part that does not move as the robot does, rad: the LiDAR is frozen there, or somebody walks beside."""
-        return 2.0 * TURN / PARTS if self._turned_by == PART else 0.0
+    def frozen(self) -> bool:
+        """Whether a part does not move as the robot does: the LiDAR is frozen there, or somebody walks beside."""
+        return self._frozen is not None
 
     def trouble(self) -> str:
         """Return why the newest scan must not be used, or an empty text."""
@@ -170,16 +174,9 @@ class ScanWatch:
             return "the scans have not changed by a bit although the robot moves: the LiDAR is frozen"
         if self._returns > 0.0 and self._sent - self._light > DARK:
             return f"fewer than {self._returns:.0%} of the beams return anything: the LiDAR is covered, or the hall too large"
-        way = self._turned_by
-        if way == PART:
+        if self._frozen:
             return "a part of the scans does not move as the robot does: the LiDAR is frozen there"
-        if way == STILL:
-            why = "do not move as the robot does: they are late, or another robot's: end their source"
-        elif way >= MIRRORED:
-            why = "move as if left and right were exchanged: the LiDAR is upside down, or clockwise: correct its mount"
-        else:
-            why = f"move as if the LiDAR were mounted turned by {QUARTERS.get(way)}: correct its mount"
-        return f"the scans {why}, and enable the robot again" if way else ""
+        return self._wrong and f"the scans {self._wrong}, and enable the robot again"
 
     def _compare(self, points: _Points, motion: Motion, bins: int) -> None:
         """Vote on the mount by a scan's points, if the robot has moved far enough since the last vote."""
@@ -207,7 +204,7 @@ class ScanWatch:
             self._votes.clear()
         needed = STILL_VOTES if self._votes[-1:] == [STILL] else VOTES
         if len(self._votes) >= needed and len(set(self._votes[-needed:])) == 1:
-            self._turned_by = self._votes[-1]
+            self._wrong, self._frozen = WAYS.get(self._votes[-1], EXCHANGED), None
 
     def _watch_parts(self, moved: _Misses, still: _Misses, now: _Surface) -> None:
         """Add up by how much the points of each part fit better without the motion."""
@@ -216,19 +213,18 @@ class ScanWatch:
         self._still += (both & (there < BETTER * here)) * np.minimum(here - there, AT_ONCE)
         self._still[both & (here < there)] = 0.0
         if self._still.max() > AT_REST:
-            self._turned_by, part = PART, int(self._still.argmax())
-            (at, away), bins = moved, len(now[0])
+            (at, away), bins, part = moved, len(now[0]), int(self._still.argmax())
             telling = at[(away > 0.5 * here[part]) & np.isin(((at * PARTS).astype(int) - part) % PARTS, (0, 1))]
             self._frozen = abs(now[0]), np.isin(np.arange(bins), np.round(telling * bins) % bins)
 
-    def _thaw(self, points: _Points, bins: int) -> None:
+    def _thaw(self, frozen: tuple[NDArray[np.float64], NDArray[np.bool_]], points: _Points, bins: int) -> None:
         """Believe a part again where points change: somebody walked beside the robot, or it measures again."""
-        then, telling = self._frozen
+        then, telling = frozen
         if len(then) == bins:
             now, then = abs(_surface(points, bins)[0])[telling], then[telling]
             changed = ~(np.abs(now - then) < CAP) & ~(np.isnan(now) & np.isnan(then))
             if changed.mean() > CHANGED:
-                self._turned_by, self._still = 0, np.zeros(PARTS)
+                self._frozen, self._still = None, np.zeros(PARTS)
 
     def _doubt(self, points: _Points, at: float, bins: int) -> None:
         """Add up by how much a scan's points fit the scan before better with an earlier motion."""
@@ -246,7 +242,7 @@ class ScanWatch:
             clear = (late < BETTER * usual) | (late > usual)
             self._doubts = np.maximum(KEPT * self._doubts + clear * (usual - late), 0.0)
             if self._doubts.max() > DOUBT:
-                self._turned_by = STILL
+                self._wrong, self._frozen = WAYS[STILL], None
 
 
 def _between(first: Motion, last: Motion) -> tuple[complex, float]:

@@ -61,14 +61,9 @@ def start(senses: Senses, tuning: FilterTuning) -> Estimate:
 
 @algebra
 def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, integrator: float) -> Belief:
-    """Move the belief by one control interval: the pose with the believed twist, then the twist to the executed one.
+    """Move the belief by one control interval, dt in s: the pose with the believed twist, then the twist to the executed one.
 
-    Args:
-        belief: Mean and covariance at the start of the interval.
-        twist: Best knowledge of the twist executed from now on: the one that odometry reports, or the command.
-        tuning: Process noise, with the systematic errors of the twist, if they are known.
-        dt: Interval, s.
-        integrator: The integrator, a value of `INTEGRATORS`.
+    ``twist`` is the best knowledge of what is executed from now on: as odometry reports it, or the command.
 
     Returns:
         ``f(mean, twist)``, and for the pose ``F P F' + G U G' + Q`` with F and G the true Jacobians of f with respect to the
@@ -121,14 +116,9 @@ class Verdict(NamedTuple):
 
 @kernel
 def judge(rejections: float, measured: bool, is_outlier: bool, tuning: FilterTuning, dt: float) -> Verdict:
-    """Return the verdict on a measurement.
+    """Return the verdict on a measurement, if there is one, whose normalized innovation squared exceeds the gate or not.
 
-    Args:
-        rejections: Number of measurements refused in a row before it, or `ONE_MEASUREMENT`.
-        measured: Whether there is a measurement; if not, nothing changes.
-        is_outlier: Whether its normalized innovation squared exceeds the gate.
-        tuning: Tuning of a kind with the numbers of `parameters.Kalman`.
-        dt: Interval since the last step, s.
+    ``rejections`` is as in `Verdict`; the tuning's kind has the numbers of `parameters.Kalman`; dt is the interval in s.
     """
     rules, count = tuning.kind, max(rejections, 0.0) + 1.0
     refused = measured & is_outlier

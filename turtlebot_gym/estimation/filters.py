@@ -44,16 +44,7 @@ def covariance_of(P: NDArray[np.float64]) -> Covariance:
 
 
 class KalmanFilter:
-    """A filter of any kind as an object, which does in a `step` what environments and nodes do in a control interval.
-
-    Args:
-        tuning: Noise, gate and kind.
-        dt: Control interval, s.
-        integrator: "euler" or "midpoint".
-
-    Raises:
-        ValueError: If an argument is unknown or out of its range.
-    """
+    """A filter of any kind as an object, which does in a `step` what environments and nodes do in a control interval, s."""
 
     def __init__(self, tuning: FilterTuning, *, dt: float = 0.1, integrator: str = "euler") -> None:
         self.tuning, self._filter = tuning, filter_of(tuning)
@@ -63,7 +54,6 @@ class KalmanFilter:
 
     @property
     def belief(self) -> Belief:
-        """The filter's belief."""
         return self.estimate.belief
 
     @property

@@ -1,8 +1,7 @@
 """Condition a belief on one scalar measurement of any sensor: the only update equation of the package.
 
-A pose has its covariance written out. A filter may learn a scalar beside it, such as a gyro's bias or the scale of ranges.
-
-A pose whose errors are correlated, a position along a corridor, say, that is known across it, is three such measurements.
+A pose whose errors are correlated, a position along a corridor, say, that is known across it, is three such measurements. A
+filter may also learn a scalar beside the pose, such as a gyro's bias or the scale of ranges.
 
 References:
     Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977): scalar measurements in turn, made independent.
@@ -42,11 +41,10 @@ LEAST_VARIANCE, LEAST_SHARE = 1e-12, 1e-12
 
 @kernel
 def innovation_variance(variance: float, r: float) -> float:
-    """Return S, the variance of a scalar measurement's innovation, for its ``h P h'`` and its noise: ``h P h' + r``.
+    """Return S, the variance of a scalar measurement's innovation: ``h P h' + r``.
 
     The noise counts as at least `LEAST_VARIANCE`, and as `LEAST_SHARE` of ``h P h'``. A measurement a million times more
-    accurate than the belief would leave nothing of the covariance but rounding: the entries beside the diagonal then no longer
-    fit those on it, and gains grow without limit. The floors leave a share that rounding, 2e-16, does not reach.
+    accurate than the belief would leave nothing of the covariance but rounding, and gains would grow without limit.
     """
     return variance + max(r, max(LEAST_VARIANCE, LEAST_SHARE * variance))
 
@@ -60,16 +58,10 @@ def inverse_of(S: float) -> float:
 
 @algebra
 def absorb(belief: Belief, column: Pose, gain: float, inverse: float) -> Belief:
-    """Update a belief by a scalar measurement: ``P - column column' / S``.
+    """Update a belief by a scalar measurement: ``mean + gain column``, and ``P - inverse column column'``.
 
-    Args:
-        belief: Prior mean and covariance.
-        column: Covariance of the measured quantity with each component of the pose.
-        gain: Step of the mean along the column.
-        inverse: Reduction of the covariance along ``column column'``: 1 / S for a measurement that is certainly accepted.
-
-    Returns:
-        The posterior, whose heading is not wrapped yet.
+    ``column`` is the covariance of the measured quantity with each component of the pose, ``inverse`` is 1 / S for a
+    measurement that is certainly accepted. The posterior's heading is not wrapped yet.
     """
     (mean, P), (x, y, t) = belief, column
     i, j, k = x * inverse, y * inverse, t * inverse
@@ -80,13 +72,7 @@ def absorb(belief: Belief, column: Pose, gain: float, inverse: float) -> Belief:
 
 @kernel
 def update(belief: Belief, h: Projection, innovation: float, r: float) -> tuple[Belief, float]:
-    """Condition a belief on one scalar measurement of any sensor.
-
-    Args:
-        belief: Prior mean and covariance.
-        h: Projection of the covariance on the measurement.
-        innovation: Measured minus predicted value, wrapped for an angle.
-        r: Variance of the measurement.
+    """Condition a belief on one scalar measurement of any sensor, projected on by ``h``, with the variance ``r``.
 
     Returns:
         The posterior, whose heading is not wrapped yet, and the normalized innovation squared ``innovation^2 / (h P h' + r)``.
@@ -113,7 +99,7 @@ NOTHING = Sixth(0.0, 0.0, Pose(0.0, 0.0, 0.0))
 def update_both(
     belief: Belief, sixth: Sixth, h: Projection, across: float, innovation: float, r: float
 ) -> tuple[Belief, Sixth, float]:
-    """Condition as `update.update` does; the further state has the covariance ``across`` with what is measured."""
+    """Condition as `update` does; the further state has the covariance ``across`` with what is measured."""
     inverse = inverse_of(innovation_variance(h.variance, r))
     posterior, nis = update(belief, h, innovation, r)
     c, s, k = sixth.column, h.column, across * inverse
@@ -132,11 +118,7 @@ def independent(R: Variances) -> tuple[float, float, float, tuple[float, float, 
     """Return the independent measurements of a pose whose errors are correlated.
 
     The covariance is factored as ``R = L D L'`` with a unit lower triangular L. The rows of ``L^-1`` are the measurements, with
-    the variances D. Without correlations they are x, y and heading.
-
-    Args:
-        R: Variances of x, y and heading, and covariances of x and y, of x and heading, of y and heading; m^2 and rad^2. An
-            infinite variance means that the heading was not measured; its covariances are 0.
+    the variances D. Without correlations they are x, y and heading. See `interface.Filter.fix` for R.
 
     Returns:
         The factors a, b and c of the measurements x, ``y + a x`` and ``heading + b x + c y``; 1, rad/m, rad/m; and their
@@ -153,14 +135,7 @@ def independent(R: Variances) -> tuple[float, float, float, tuple[float, float, 
 
 @algebra
 def correct_both(belief: Belief, sixth: Sixth, z: Pose, R: Variances) -> tuple[Belief, Sixth, float]:
-    """Condition on a pose whose errors may be correlated.
-
-    Args:
-        belief: Prior mean and covariance.
-        sixth: Prior of the further state.
-        z: Measured pose; m, m, rad.
-        R: Variances and covariances, see `update.independent`. Without covariances the result is that of x, y and heading in
-            turn, to the last bit.
+    """Condition on a measured pose whose errors may be correlated, see `interface.Filter.fix` for R.
 
     Returns:
         The posteriors, and the normalized innovation squared, without the heading if that was not measured.
