@@ -9,7 +9,6 @@ from scipy.ndimage import label
 
 from turtlebot_gym.rooms.gazebo import read_gazebo
 from turtlebot_gym.rooms.sensing import clearance
-from turtlebot_gym.values import Pose
 
 WORLDS = Path(__file__).parents[3] / "shared" / "data" / "worlds"
 PILLAR = "<cylinder><radius>0.2</radius><length>1</length></cylinder>"
@@ -55,7 +54,6 @@ def starts(plan):
         ("<sphere><radius>0.5</radius></sphere>", "1 2 0.48 0 0 0", (1.35, 2.0), (1.45, 2.0)),  # cut 0.3 m below its centre
         ("<box><size>1 1 0.1</size></box>", "1 2 0.05 0 0 0", (1.4, 2.4), (1.6, 2.0)),  # no robot climbs it
         ("<box><size>1 0.01 1</size></box>", "1 2 0.5 0 0 0.3", (1.0, 2.0), (1.0, 2.2)),  # narrower than a cell
-        ("<ellipsoid><radii>1 0.3 0.4</radii></ellipsoid>", "1 2 0.18 0 0 0", (1.9, 2.0), (1.0, 2.4)),
         (BOX, "1 2 2.4 0 0 0", None, (1.0, 2.0)),
         ("<box><size>1 1 0.01</size></box>", "1 2 0 0 0 0", None, (1.0, 2.0)),
         ("<plane><normal>0 0 1</normal></plane>", "", None, (0.0, 0.0)),
@@ -75,7 +73,6 @@ def middle(plan):
 
 
 OUTER = f'<model name="o"><static>1</static><pose>0 5 0 0 0 0</pose>{model(PILLAR, "1 1 0 0 0 0", static="0")}</model>'
-STATE = '<state world_name="w"><model name="m"><pose>1 2 0 0 0 0</pose></model></state>'
 
 
 @pytest.mark.parametrize(
@@ -84,7 +81,6 @@ STATE = '<state world_name="w"><model name="m"><pose>1 2 0 0 0 0</pose></model><
         ([model(PILLAR, "1 0 0 0 0 1.5707963267948966", link="1 0 0 0 0 0", collision="0 1 0 0 0 0")], (0.0, 1.0)),
         ([model(PILLAR, '<pose relative_to="world">1 2 0 0 0 0</pose>')], (1.0, 2.0)),
         ([OUTER], (1.0, 6.0)),
-        ([model(PILLAR), STATE], (1.0, 2.0)),
     ],
 )
 def test_a_pose_is_that_of_what_holds_it(tmp_path, models, place):
@@ -92,15 +88,12 @@ def test_a_pose_is_that_of_what_holds_it(tmp_path, models, place):
 
 
 def library(folder, name="shelf"):
-    """Write a model into a folder of models, its newest file under another name than the others."""
+    """Write a model into a folder of models."""
     (folder / name).mkdir(parents=True)
-    config = '<model><sdf version="1.10">new.sdf</sdf><sdf version="1.5">model.sdf</sdf></model>'
-    shelf = f'<sdf version="1.10">{model(PILLAR, "5 5 0 0 0 0", name="shelf")}</sdf>'
-    for file, text in (("model.config", config), ("new.sdf", shelf), ("model.sdf", "<sdf/>")):
-        (folder / name / file).write_text(text)
+    (folder / name / "model.sdf").write_text(f'<sdf version="1.10">{model(PILLAR, "5 5 0 0 0 0", name="shelf")}</sdf>')
 
 
-MOVED = '<uri>model://shelf</uri><pose degrees="1">1 2 0 0 0 9</pose><name>n</name><static>0</static>'
+MOVED = '<uri>model://shelf</uri><pose degrees="1">1 2 0 0 0 9</pose><static>0</static>'
 
 
 @pytest.mark.parametrize(
@@ -112,7 +105,7 @@ MOVED = '<uri>model://shelf</uri><pose degrees="1">1 2 0 0 0 9</pose><name>n</na
         ("<include><uri>\n https://fuel.gazebosim.org/1.0/Open/models/Shelf</uri></include>", (5.0, 5.0), "cache"),
     ],
 )
-@pytest.mark.filterwarnings("ignore:.*stand still here. n")
+@pytest.mark.filterwarnings("ignore:.*stand still here. shelf")
 def test_includes_are_followed(tmp_path, monkeypatch, include, place, where):
     path = world(tmp_path / "a" / "worlds", include)
     if where == "cache":
@@ -125,7 +118,7 @@ def test_includes_are_followed(tmp_path, monkeypatch, include, place, where):
 
 
 def test_what_is_left_out_is_said(tmp_path):
-    robot = model(BOX, name="tb", static="0", more='<plugin filename="libgazebo_ros_diff_drive.so" name="d"/>')
+    robot = model(BOX, name="tb", static="0", more='<joint name="wheel" type="continuous"/>')
     box, mesh = model(PILLAR, "1 2 0.5 0 0 0", name="box", static="0"), model("<mesh><uri>model://hall/wall.dae</uri></mesh>")
     heights = model("<heightmap><uri>h.png</uri></heightmap>")
     path = world(tmp_path, box, robot, mesh, heights, "<include><uri>model://nowhere</uri></include>", '<actor name="ann"/>')
@@ -137,9 +130,6 @@ def test_what_is_left_out_is_said(tmp_path):
     assert all(text.startswith("a.world: ") and name in text for text, name in zip(texts, named, strict=True))
 
 
-INCLUDE = "<include><uri>model://loop</uri></include>"
-
-
 @pytest.mark.parametrize(
     ("models", "message"),
     [
@@ -147,13 +137,9 @@ INCLUDE = "<include><uri>model://loop</uri></include>"
         ([model(PILLAR, "0 0 0 0 0")], "'0 0 0 0 0' must be 6 finite numbers"),
         ([model(BOX, "0 0 4 0 0 0")], "holds no obstacle at the height of a robot"),
         (["</wrong>"], "is not a Gazebo world"),
-        ([INCLUDE], "include one another more than 20 deep"),
     ],
 )
 def test_worlds_that_cannot_be_read_are_refused(tmp_path, models, message):
-    loop = tmp_path / "models" / "loop"
-    loop.mkdir(parents=True)
-    (loop / "model.sdf").write_text(f"<sdf><model name='l'>{INCLUDE}</model></sdf>")
     with pytest.raises(ValueError, match=message):
         read_gazebo(world(tmp_path, *models))
 
@@ -165,8 +151,6 @@ def test_starts_and_goals_are_inside_of_what_encloses(tmp_path):
     assert abs(places).max() > 1.2
     gap = [*ring()[:3], model("<box><size>3 0.1 1</size></box>", "-2 -0.5 0.5 0 0 1.5708"), far]
     assert starts(read_gazebo(world(tmp_path, *gap)))[:, 0].max() > 3.0  # a door of 1 m: the ground is not enclosed
-    given = read_gazebo(world(tmp_path, *ring(), far), start=Pose(4.0, 0.0, 0.0))
-    assert not (given.map.cells == -1).any()
 
 
 @pytest.mark.skipif(not WORLDS.is_dir(), reason="the worlds of TurtleBot3 are not there")
@@ -176,17 +160,6 @@ def test_turtlebot3s_worlds_are_read():
     assert label(plan.map.cells == 100)[1] == 1
     assert (abs(starts(plan)) < 2.35).all()
     assert label(read_gazebo(WORLDS / "turtlebot3_world.world").map.cells == 100)[1] == 9  # without its walls, which are meshes
-
-
-def test_what_stands_on_a_thick_floor_stands_on_the_ground(tmp_path):
-    floor, lamp = (
-        model(f"<box><size>8 8 {size}</size></box>", f"0 0 {height} 0 0 0") for size, height in ((0.2, 0.05), (1, 2))
-    )
-    with pytest.warns(UserWarning, match="the ground is the top of a box, at 0.15 m"):
-        plan = read_gazebo(world(tmp_path, floor, model(PILLAR, "2 0 0.65 0 0 0"), lamp))
-    np.testing.assert_allclose(middle(plan), (2.0, 0.0), atol=1e-6)
-    with pytest.raises(ValueError, match="no obstacle at the height of a robot"):
-        read_gazebo(world(tmp_path, floor.replace("0 0 0.05", "0 0 0.5"), model(PILLAR, "2 0 1.1 0 0 0")))
 
 
 @pytest.mark.parametrize("ending", ["stl", "obj", "dae"])

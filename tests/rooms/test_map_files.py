@@ -26,7 +26,6 @@ CHANNELS = [[[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 0], [128, 128
         (COLOURS, {"image": "map.png", "negate": 1}, [[0, 100, 100], [100, 0, -1]]),
         # Averages of four channels: 255, 1020, 765 and 639 of 1020, so occupancies 0.75, 0, 0.25 and 0.37.
         (CHANNELS, {"image": "map.png"}, [[100, 0, -1, -1]]),
-        (CHANNELS, {"image": "map.png", "mode": "scale"}, [[100, 0, -1, round((127 / 255 - 0.196) / 0.454 * 100)]]),
         # Of 255: 128 is an occupancy of 0.498, a little less than the 0.5 of the threshold; 127 is 0.502, 64 is 0.749.
         ([[0, 127, 128, 64, 63, 255]], {"occupied_thresh": 0.5, "free_thresh": 0.5}, [[100, 100, 0, 100, 100, 0]]),
         # At a threshold: unknown.
@@ -47,6 +46,7 @@ def test_a_map_is_read_cell_by_cell(tmp_path, write_map, pixels, given, cells):
         ({"occupied_thresh": 0.2, "free_thresh": 0.6}, "free_thresh of the map .* must be at most occupied_thresh"),
         ({"occupied_thresh": 65}, "occupied_thresh of the map .* must be a probability"),
         ({"negate": 2}, "negate of the map .* must be 0 or 1, got 2"),
+        ({"mode": "scale"}, "mode of the map .* must be .*'trinary'.*, got 'scale'"),
         ({"origin": [1e16, 0.0, 0.0]}, r"origin of the map .*\[0\] must be a number from .*, got 10000000000000000"),
         ({"free_thresh": None, "negate": None}, "must state negate, free_thresh"),
         ({"pixels": np.zeros((3, 4), np.uint8)}, "must hold a free cell; of 12 there is none"),
@@ -66,7 +66,6 @@ def test_an_invalid_map_is_refused_in_one_line(tmp_path, write_map, given, messa
         ("map.png", "RGBA", {"free_thresh": 0.196}, True),  # Nav2 averages the alpha channel, so that greys are lighter
         ("map.png", "L", {"negate": 1}, True),
         ("map.pgm", "L", {"free_thresh": 0.196}, False),
-        ("map.pgm", "L", {"mode": "scale"}, False),  # there a grey is a probability
     ],
 )
 def test_unexplored_cells_that_thresholds_make_free_are_unknown_and_said(tmp_path, write_map, image, mode, given, is_said):
@@ -89,7 +88,7 @@ def test_unexplored_cells_that_thresholds_make_free_are_unknown_and_said(tmp_pat
 def test_files_that_are_missing_or_no_map_are_named(tmp_path, hall):
     (tmp_path / "bad.yaml").write_text("just words")
     (hall.parent / "map.pgm").unlink()
-    for path, message in (("nowhere.yaml", "no map"), (hall, "no image .*map.pgm' for"), (tmp_path / "bad.yaml", "not a map")):
+    for path, message in (("nowhere.yaml", "no map"), (hall, "no image .*map.pgm' for"), (tmp_path / "bad.yaml", "must state")):
         with pytest.raises(ValueError, match=message):
             find_world(path)
 

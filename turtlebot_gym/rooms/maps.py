@@ -25,17 +25,14 @@ UNEXPLORED = 205
 """Grey by which map savers of ROS 1 and ROS 2 mark unexplored cells in the mode "trinary"."""
 _UNEXPLORED_SHARE = 0.196
 """Occupancy of that grey, 50 / 255, as map savers of ROS 1 write it: from a greater ``free_thresh`` on it is free."""
-_MODES = {mode: mode for mode in ("trinary", "scale")}
 _NEEDED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
 
-def read_map(path: str | Path, *, start: Pose | None = None, goal: Pose | None = None) -> FloorPlan:
+def read_map(path: str | Path) -> FloorPlan:
     """Read a map as a floor plan.
 
     Args:
         path: The YAML file, whose image is beside it or has an absolute path.
-        start: Start pose of the robot; None to draw it in free cells.
-        goal: Goal pose of the robot; None to draw it in free cells near the start.
 
     Raises:
         ValueError: If a file cannot be read or is invalid.
@@ -51,22 +48,24 @@ def read_map(path: str | Path, *, start: Pose | None = None, goal: Pose | None =
         raise ValueError(f"free_thresh {of_map} must be at most occupied_thresh, got {free:g} and {occupied:g}.")
     if content["negate"] not in (0, 1):
         raise refusal(f"negate {of_map}", "0 or 1", content["negate"])
-    mode = choose(f"mode {of_map}", content.get("mode", "trinary"), _MODES)
+    choose(f"mode {of_map}", content.get("mode", "trinary"), {"trinary": None})
     resolution = POSITIVE.check(f"resolution {of_map}", content["resolution"])
-    pose = Pose(*Numbers(FINITE, 3).check(f"origin {of_map}", content["origin"]))
-    negate = bool(content["negate"])
-    cells, unexplored = _read_image(path.parent / str(content["image"]), mode, negate=negate, occupied=occupied, free=free)
+    origin = Pose(*Numbers(FINITE, 3).check(f"origin {of_map}", content["origin"]))
+    shades, greys = _shades(path.parent / str(content["image"]))
+    occupancy, brightness = (shades, 1.0 - greys) if content["negate"] else (1.0 - shades, greys)
+    cells = np.where(occupancy > occupied, OCCUPIED, np.where(occupancy < free, FREE, UNKNOWN)).astype(np.int8)
+    is_unexplored = (np.rint(255.0 * brightness) == UNEXPLORED) & (cells == FREE)
+    cells[is_unexplored] = UNKNOWN
     try:
-        grid = GridMap(cells=cells[::-1], resolution=resolution, origin=pose)
+        grid = GridMap(cells=cells[::-1], resolution=resolution, origin=origin)
     except ValueError as error:
         raise ValueError(f"The map {str(path)!r} cannot be used: {error}") from error
-    if unexplored:
+    if is_unexplored.any():
         remedy = "free_thresh: 0.196" if free > _UNEXPLORED_SHARE else "an image without transparency"
-        text = f"free_thresh {free:g} makes unexplored cells (grey, {UNEXPLORED}) free ({unexplored:,}): no start, goal or path"
-        warnings.warn(
-            f"{path.name}: {text} is there, nor a lost robot; {remedy} makes them unknown for Nav2, too.", stacklevel=2
-        )
-    return FloorPlan(walls=grid.walls(), map=grid, start=start, goal=goal, max_distance=FAR_ENOUGH)
+        text = f"free_thresh {free:g} makes unexplored cells (grey, {UNEXPLORED}) free ({is_unexplored.sum():,})"
+        text = f"{text}: no start, goal or path is there, nor a lost robot; {remedy} makes them unknown for Nav2, too."
+        warnings.warn(f"{path.name}: {text}", stacklevel=2)
+    return FloorPlan(walls=grid.walls(), map=grid, max_distance=FAR_ENOUGH)
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
@@ -76,15 +75,17 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         raise ValueError(f"There is no map {str(path)!r}: {error.strerror}.") from error
     except ValueError as error:
         raise ValueError(f"{str(path)!r} is not a map: {error}") from error
-    if not isinstance(content, dict):
-        raise ValueError(f"{str(path)!r} is not a map: it must state {', '.join(_NEEDED)}.")
-    if missing := [name for name in _NEEDED if name not in content]:
+    missing = _NEEDED if not isinstance(content, dict) else [name for name in _NEEDED if name not in content]
+    if missing:
         raise ValueError(f"The map {str(path)!r} must state {', '.join(missing)}.")
     return content
 
 
-def _read_image(path: Path, mode: str, **limits: Any) -> tuple[NDArray[np.int8], int]:
-    """Return the values of an image's cells, see `_cells_of`."""
+def _shades(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the mean of each pixel's channels, and that of its colours, as shares; the first row is the highest.
+
+    Transparency is a channel, as for ``map_server``.
+    """
     try:
         from PIL import Image  # a dependency of matplotlib; a robot reads no maps
     except ImportError as error:
@@ -96,37 +97,14 @@ def _read_image(path: Path, mode: str, **limits: Any) -> tuple[NDArray[np.int8],
         with image:
             if image.width * image.height > MAX_CELLS:  # before it is unpacked
                 raise ValueError(f"it has {image.width} x {image.height} pixels, more than {MAX_CELLS:,}: {CUT}")
-            return _cells_of(image, mode, **limits)
+            if image.mode.startswith("I"):  # 16 bits
+                deep = np.asarray(image, np.float32) / 65535
+                return deep, deep
+            pixels = np.asarray(image.convert("RGBA"))
+            has_alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
     except FileNotFoundError as error:
         raise ValueError(f"There is no image {str(path)!r} for the map.") from error
     except Exception as error:  # a decoder raises errors of many kinds
         raise ValueError(f"The map's image {str(path)!r} cannot be read: {' '.join(str(error).split())}.") from error
-
-
-def _cells_of(image: Any, mode: str, *, negate: bool, occupied: float, free: float) -> tuple[NDArray[np.int8], int]:
-    """Return the values of cells, the first row being the highest, and how many unexplored ones the thresholds make free.
-
-    Those are unknown. In the mode "trinary" transparency is averaged with the colours, as ``map_server`` does.
-    """
-    is_deep = image.mode.startswith("I")  # 16 bits
-    alpha = not is_deep and (image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info)
-    if is_deep:
-        pixels = greys = np.clip(np.asarray(image), 0, 65535).astype(np.uint16)
-        most_grey = 65535
-    else:
-        pixels = np.asarray(image.convert("RGBA" if alpha else "RGB"))
-        greys, most_grey = pixels[:, :, :3].sum(axis=2, dtype=np.uint16), 765
-    sums, most = (greys + pixels[:, :, 3], 1020) if alpha and mode == "trinary" else (greys, most_grey)
-    shade = np.arange(most + 1) / most  # there are fewer sums of channels than pixels
-    occupancy = shade if negate else 1.0 - shade
-    between = np.rint((occupancy - free) / max(occupied - free, 1e-9) * 100.0) if mode == "scale" else float(UNKNOWN)
-    cells = np.where(occupancy > occupied, OCCUPIED, np.where(occupancy < free, FREE, between)).astype(np.int8)[sums]
-    if mode == "scale":  # there a grey is a probability
-        if alpha:
-            cells[pixels[:, :, 3] < 255] = UNKNOWN
-        return cells, 0
-    off = 3.0 if image.format in ("JPEG", "WEBP") else 0.6  # these formats change greys
-    shade = np.arange(most_grey + 1) / most_grey
-    wrong = (np.abs((1.0 - shade if negate else shade) * 255.0 - UNEXPLORED) <= off)[greys] & (cells == FREE)
-    cells[wrong] = UNKNOWN
-    return cells, int(wrong.sum())
+    greys = pixels[:, :, :3].sum(axis=2, dtype=np.float32) / 765
+    return (pixels.sum(axis=2, dtype=np.float32) / 1020 if has_alpha else greys), greys
