@@ -137,12 +137,10 @@ def test_cells_of_the_path_grid_keep_clear_of_the_map_and_stay_on_known_ground(d
     cells[chance.random(cells.shape) < 0.05] = UNKNOWN
     origin = Pose(*chance.normal(0.0, 3.0, 2).tolist(), 0.3 * (draw % 2))
     grid = GridMap(cells=cells, resolution=(0.05, 0.1, 0.03, 0.5)[draw % 4], origin=origin)
-    scenes = [FloorPlan(walls=grid.walls(), map=grid).scene() for _ in range(3)]
+    scenes = [FloorPlan(walls=grid.walls(), map=grid).scene() for _ in range(2)]
     geodesic.block(scenes[0], 0.21)
-    geodesic._block_outside_each(scenes[1], 0.21)
-    BLOCK(scenes[2], 0.21)
-    for scene in scenes[1:]:
-        np.testing.assert_array_equal(scenes[0].room.ways, scene.room.ways)
+    BLOCK(scenes[1], 0.21)
+    np.testing.assert_array_equal(scenes[0].room.ways, scenes[1].room.ways)
     (solid, outline), (rows, columns) = boxes_of(grid), geodesic.extent(scenes[0])
     for row, column in chance.integers((rows, columns), size=(300, 2)).tolist():
         x, y = geodesic.centre_of(scenes[0], row, column)

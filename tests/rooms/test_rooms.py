@@ -41,7 +41,7 @@ def test_rooms_are_the_same_compiled_and_in_plain_python(world, lidar, in_step, 
             np.testing.assert_equal(*([*arrays_of(scene)] for scene in scenes))
         contacts += int(batch.numbers("room.collided").sum())
     assert contacts > 0 or world == "office", "nothing was touched: the test saw too little"
-    assert plan is None or batch.scenes.room.squares is plan.map.squares, "one map for all"
+    assert plan is None or batch.scenes.room.squares is plan.scene().room.squares, "one map for all"
 
 
 def test_contact_ends_an_episode_where_the_footprint_touches_the_wall():

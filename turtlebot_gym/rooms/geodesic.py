@@ -8,7 +8,6 @@ is more than half a diagonal, so a robot that follows a path stays clear all alo
 from __future__ import annotations
 
 import math
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -82,7 +81,9 @@ def centre_of(scene: Scene, row: int, column: int) -> tuple[float, float]:
     return x, y
 
 
-def _block_outside_each(scene, clearance):
+@kernel
+def _block_outside(scene: Scene, clearance: float) -> None:
+    """Mark the cells that walls or the map block, and no others."""
     (rows, columns), walls, squares = extent(scene), scene.room.walls, scene.room.squares
     reach = clearance / scene.room.frame[4] if squares.shape[1] > 0 else 0.0
     for row in range(rows):
@@ -94,30 +95,6 @@ def _block_outside_each(scene, clearance):
                 known = is_on_map(squares, across, along) and scene.room.known[int(along), int(across)] != 0
                 blocked = blocked or not known or distance_to_cells(squares, across, along, reach) < reach
             scene.room.ways[row, column] = _BLOCKED if blocked else UNREACHED
-
-
-@in_loops(_block_outside_each)
-def _block_outside(scene: Any, clearance: float) -> None:
-    """Mark the cells that walls or the map block, and no others."""
-    (rows, columns), (height, width), walls = extent(scene), scene.room.known.shape, scene.room.walls
-    x, y = centre_of(scene, np.arange(rows)[:, None], np.arange(columns))  # pyright: ignore[reportArgumentType]
-    blocked = np.minimum(walls[2] - np.abs(walls[0] - x), walls[3] - np.abs(walls[1] - y)) < clearance
-    if height:
-        at: Any = to_cells(scene.room.frame, x, y)
-        across, along = at
-        i, j = np.clip(along, 0.0, height - 1.0).astype(int), np.clip(across, 0.0, width - 1.0).astype(int)
-        reach = clearance / scene.room.frame[4]
-        blocked |= scene.room.known[i, j] == 0
-        near = np.nonzero(~blocked & (scene.room.squares[:, i, j].min(axis=0) - 1.0 < reach))
-        across, along, i, j = across[near], along[near], i[near], j[near]
-        hit, span = np.zeros(len(i), np.bool_), range(-math.ceil(reach), math.ceil(reach) + 1)
-        for up, right in product(span, span):
-            above, beside = np.clip(i + up, 0, height - 1), np.clip(j + right, 0, width - 1)
-            dy = np.maximum(np.maximum(above - along, along - above - 1.0), 0.0)
-            dx = np.maximum(np.maximum(beside - across, across - beside - 1.0), 0.0)
-            hit |= (scene.room.squares[0, above, beside] == 0) & (np.sqrt(dy * dy + dx * dx) < reach)
-        blocked[near] = hit
-    scene.room.ways[:rows, :columns] = np.where(blocked, _BLOCKED, UNREACHED)
 
 
 @kernel

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from itertools import product
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -29,8 +29,6 @@ MAX_CELLS = 30_000_000
 """Most cells of a map: reading it takes 6 s and 400 MB, and looking for ways on it as much again."""
 CUT = "cut it (by Pillow's Image.crop; its origin moves to the new lower left corner), or make it coarser"
 """Remedies for a map that is too large."""
-ROWS = 256
-"""Rows whose squares are sought at once."""
 SIDE = 0.05
 """Side of a cell, m: that of most maps made by robots."""
 BORDER = 6
@@ -52,12 +50,6 @@ class GridMap:
     """Side of a cell, m."""
     origin: Pose = _AT_ZERO
     """The lower left corner of the map in the world, and the direction of its rows."""
-    squares: NDArray[np.int8] = field(init=False, repr=False)
-    """See `scene.RoomShape.squares`."""
-    known: NDArray[np.uint8] = field(init=False, repr=False)
-    """See `scene.RoomShape.known`."""
-    frame: NDArray[np.float64] = field(init=False, repr=False)
-    """See `scene.RoomShape.frame`."""
 
     def __post_init__(self) -> None:
         cells = np.asarray(self.cells)
@@ -69,19 +61,15 @@ class GridMap:
         x, y, yaw = Numbers(FINITE, 3).check("GridMap.origin", self.origin)
         if not (cells == FREE).any():
             raise ValueError(f"GridMap.cells must hold a free cell; of {cells.size} there is none.")
-        open_cells = np.pad(cells != OCCUPIED, 1)
-        squares = np.empty((4, *open_cells.shape), np.int8)
-        for at, (up, right) in enumerate(product(_BOTH_WAYS, _BOTH_WAYS)):
-            squares[at] = _squares(open_cells[up, right])[up, right]
-        derived: dict[str, Any] = {
-            "cells": cells.astype(np.int8),
-            "origin": Pose(x, y, yaw),
-            "squares": squares,
-            "known": np.pad(cells == FREE, 1).astype(np.uint8),
-            "frame": np.array([x, y, math.cos(yaw), math.sin(yaw), resolution]),
-        }
-        for name, value in derived.items():
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "cells", cells.astype(np.int8))
+        object.__setattr__(self, "resolution", resolution)
+        object.__setattr__(self, "origin", Pose(x, y, yaw))
+
+    @property
+    def frame(self) -> NDArray[np.float64]:
+        """See `scene.RoomShape.frame`."""
+        x, y, yaw = self.origin
+        return np.array([x, y, math.cos(yaw), math.sin(yaw), self.resolution])
 
     def walls(self) -> Walls:
         """Return the rectangle around the map, along the axes of the world."""
@@ -95,7 +83,8 @@ class GridMap:
 
     def share(self, scenes: Scene) -> Scene:
         """Return scenes that share the map's arrays."""
-        return scenes._replace(room=scenes.room._replace(squares=self.squares, known=self.known, frame=self.frame))
+        squares, known = _room_arrays(self)
+        return scenes._replace(room=scenes.room._replace(squares=squares, known=known, frame=self.frame))
 
     def field(self, *, hits: bool = False) -> NDArray[np.float32]:
         """Return the distances to the map's surfaces, shape (rows, columns), see `rooms.field`; their frame is the map's.
@@ -107,6 +96,27 @@ class GridMap:
         (field_of_hits if hits else field_of_cells)(self.cells == OCCUPIED, self.resolution, field)
         field[(self.cells != FREE) & (self.cells != OCCUPIED) & (field > BESIDE)] = np.nan
         return field
+
+
+@lru_cache(4)
+def _room_arrays(grid: GridMap) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
+    """Return `scene.RoomShape.squares` and `scene.RoomShape.known` of a map, which all its scenes share."""
+    is_open, both_ways = np.pad(grid.cells != OCCUPIED, 1), (slice(None), slice(None, None, -1))
+    squares = [_squares(is_open[up, right])[up, right] for up in both_ways for right in both_ways]
+    return np.stack(squares), np.pad(grid.cells == FREE, 1).astype(np.uint8)
+
+
+def _squares(is_open: NDArray[np.bool_]) -> NDArray[np.int8]:
+    """Return the side of the largest open square that begins at each cell."""
+    sides, fits = np.zeros(is_open.shape, np.int8), is_open
+    for _ in range(LARGEST):
+        rows, columns = fits.shape
+        sides[:rows, :columns] += fits
+        # A square fits if four squares that are one cell smaller fit, shifted by a row, a column or both.
+        fits = fits[:-1, :-1] & fits[1:, :-1] & fits[:-1, 1:] & fits[1:, 1:]
+        if not fits.any():
+            break
+    return sides
 
 
 def extent(length: float, width: float) -> tuple[int, int]:
@@ -218,24 +228,3 @@ def grid_of(message: Any) -> GridMap:
         resolution=float(str(np.float32(info.resolution))),
         origin=Pose(origin.x, origin.y, yaw_of_rotation(q.w, q.x, q.y, q.z)),
     )
-
-
-_BOTH_WAYS = slice(None), slice(None, None, -1)
-
-
-def _squares(is_open: NDArray[np.bool_]) -> NDArray[np.int8]:
-    """Return the side of the largest open square that begins at each cell."""
-    sides = np.zeros(is_open.shape, np.int8)
-    for first in range(0, len(sides), ROWS):  # in parts that stay in the cache
-        fits, part = is_open[first : first + ROWS + LARGEST].copy(), sides[first : first + ROWS]
-        for _ in range(LARGEST):
-            part += fits[:ROWS]
-            # A square fits if four squares that are one cell smaller fit, shifted by a row, a column or both.
-            both = fits[:-1] & fits[1:]
-            fits = fits[:-1]
-            np.logical_and(both[:, :-1], both[:, 1:], out=fits[:, :-1])
-            fits[:, -1] = False
-            part = part[: len(fits)]
-            if not fits.any():
-                break
-    return sides

@@ -18,12 +18,12 @@ from typing import Any
 
 from turtlebot_gym.kernel import kernel, sqrt
 
+LARGEST = 127
+"""Side of the largest square that a map stores."""
 FAR = 1e9
 """Length of a ray that meets nothing, m."""
 _TINY = 1e-30
 """Least magnitude of a divisor: a ray along an axis meets the planes parallel to it beyond `FAR`."""
-LARGEST = 127
-"""Side of the largest square that a map stores."""
 
 
 @kernel
@@ -140,26 +140,15 @@ def distance_to_cells(squares: Any, column: float, row: float, reach: float) -> 
     if not is_on_map(squares, column, row):
         return min(border, 0.0)
     i, j = int(row), int(column)
-    free = min(min(int(squares[0, i, j]), int(squares[1, i, j])), min(int(squares[2, i, j]), int(squares[3, i, j])))
-    if free == 0:
-        return -min(min(column - j, j + 1 - column), min(row - i, i + 1 - row))
+    ring = min(min(int(squares[0, i, j]), int(squares[1, i, j])), min(int(squares[2, i, j]), int(squares[3, i, j])))
     nearest = min(border, reach)
-    if free - 1.0 >= nearest:
-        return nearest
-    for up in range(2):  # rows from the point's row upwards, then downwards
-        at = i if up == 1 else i - 1
-        across = 0.0 if up == 1 else row - i
-        while across < nearest and 0 <= at < rows:
-            for right in range(2):
-                side = squares[(0 if right == 1 else 1) + (0 if up == 1 else 2)]
-                # Cells within ``free`` rows and columns are free.
-                beside = free if abs(at - i) < free else 0
-                to = min(max(j + beside if right == 1 else j - beside, 0), columns - 1)
-                along = max(max(to - column, column - to - 1.0), 0.0)
-                while along < nearest and int(side[at, to]) > 0:
-                    to += int(side[at, to]) if right == 1 else -int(side[at, to])
-                    along = max(max(to - column, column - to - 1.0), 0.0)
-                nearest = min(nearest, sqrt(across * across + along * along)) if int(side[at, to]) == 0 else nearest
-            at += 1 if up == 1 else -1
-            across = at - row if up == 1 else row - at - 1.0
+    if ring == 0:
+        return -min(min(column - j, j + 1 - column), min(row - i, i + 1 - row))
+    while ring - 1.0 < nearest:  # cells of a ring are at least so far away
+        for at in range(max(i - ring, 0), min(i + ring + 1, rows)):
+            for to in range(j - ring, j + ring + 1, 1 if abs(at - i) == ring else 2 * ring):
+                if 0 <= to < columns and squares[0, at, to] == 0:
+                    across, along = max(max(at - row, row - at - 1.0), 0.0), max(max(to - column, column - to - 1.0), 0.0)
+                    nearest = min(nearest, sqrt(across * across + along * along))
+        ring += 1
     return nearest
