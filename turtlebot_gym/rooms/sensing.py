@@ -202,20 +202,6 @@ def clearance(scene: Scene, x: float, y: float) -> float:
 
 
 @kernel
-def _next_part(least, n: int) -> tuple[int, bool]:
-    """Return how many of the next n beams to measure at once, and whether all of these are blind, by their least ranges."""
-    part = 0
-    while part < n and least[part] == math.inf:
-        part += 1
-    if part > 0:
-        return part, True
-    part = n
-    while least[part - 1] == math.inf:
-        part -= 1
-    return part, False
-
-
-@kernel
 def measure(
     scene: Scene, before: Pose, now: Pose, first: int, last: int, start: float, key: int, lidar: Lidar, dt: float
 ) -> None:
@@ -237,28 +223,23 @@ def measure(
         begin = first % revolution
         beams = scene.lidar.beams
         cosines, sines, least = beams[0, begin:], beams[1, begin:], beams[2, begin:]
-        n, is_blind = _next_part(least, min(min(last - first, revolution - begin), BLOCK))
-        if is_blind:
-            for ray in range(n):
-                sweeping[begin + ray] = math.inf
-        padded = whole_groups(0 if is_blind else n)
-        for ray in range(padded):
+        n = min(min(last - first, revolution - begin), BLOCK)
+        for ray in range(whole_groups(n)):
             share = (time_of_beam(float(first) + exactly(ray), lidar) - start) / dt
             sine, cosine = sincos(before.theta + share * turn)
             rays[_X + ray] = before.x + share * (now.x - before.x) + lidar.x * cosine - lidar.y * sine
             rays[_Y + ray] = before.y + share * (now.y - before.y) + lidar.x * sine + lidar.y * cosine
             rays[_DX + ray] = cosine * cosines[ray] - sine * sines[ray]
             rays[_DY + ray] = sine * cosines[ray] + cosine * sines[ray]
-        if not is_blind:
-            cast(scene, rays, n, lidar.range_max + 1.0, sweep, drift)
+        cast(scene, rays, n, lidar.range_max + 1.0, sweep, drift)
         lengths = rays[_LENGTH:]
         if lidar.deviation > 0.0 or lidar.deviation_share > 0.0 or lidar.dropout > 0.0:
-            for ray in range(padded):
+            for ray in range(whole_groups(n)):
                 lengths[ray] = reading(lengths[ray], least[ray], first + ray, bias, key, lidar)
         else:
-            for ray in range(padded):
+            for ray in range(whole_groups(n)):
                 lengths[ray] = reading(lengths[ray], least[ray], first + ray, bias, key, lidar, False)
-        for ray in range(0 if is_blind else n):
+        for ray in range(n):
             sweeping[begin + ray] = lengths[ray]
         if begin + n == revolution:
             for beam in range(revolution):
