@@ -22,7 +22,7 @@ from turtlebot_gym.kernel import compiled_scratch, is_plain, kernel
 from turtlebot_gym.localization.points import DX, DY, LENGTH, X, Y
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import sincos
-from turtlebot_gym.rooms.field import Corners, between, corners_of, fetch_around, place_of, sample
+from turtlebot_gym.rooms.field import fetch_around, sample
 from turtlebot_gym.values import Belief, Covariance, Pose
 
 FLAT = 0.5
@@ -35,9 +35,8 @@ LEAST_PIVOT = 1e-10
 """Share of a diagonal entry below which a pivot is rounding: there is no information in its direction."""
 BLOCK = 32
 """Beams that are worked on at a time, in loops that LLVM vectorizes, on numbers in one array at offsets that it knows."""
-_TO_X, _TO_Y, _LENGTH, _UX, _UY, _KNOWN, _ROW, _COLUMN, _UP, _RIGHT = range(0, 10 * BLOCK, BLOCK)
-_NEAR, _FAR, _ABOVE, _ACROSS, _GX, _GY, _GT, _GS, _ALONG, _BEYOND, _WEIGHT, _D, _FITS = range(10 * BLOCK, 23 * BLOCK, BLOCK)
-ROOM = 23 * BLOCK
+_TO_X, _TO_Y, _LENGTH, _UX, _UY, _KNOWN, _D, _GX, _GY, _ALONG, _BEYOND, _GT, _GS, _WEIGHT, _FITS = range(0, 15 * BLOCK, BLOCK)
+ROOM = 15 * BLOCK
 
 
 class ScanPoints(NamedTuple):
@@ -80,18 +79,6 @@ class Information(NamedTuple):
     """Share of all beams that end near a surface; what lies in the unknown does not fit."""
     used: float
     """Number of beams that end where the map is known."""
-
-
-@kernel
-def _read(room: Any, k: int, frame: Any, q: LocalizerTuning) -> None:
-    """Write a beam's residual, its derivatives, and whether the end lies in a wall or behind it; all 0 in the unknown."""
-    corners = Corners(float(room[_NEAR + k]), float(room[_FAR + k]), float(room[_ABOVE + k]), float(room[_ACROSS + k]))
-    known, d, gx, gy = between(corners, room[_KNOWN + k] != 0.0, float(room[_UP + k]), float(room[_RIGHT + k]), frame)
-    d, gx, gy = d if known else 0.0, gx if known else 0.0, gy if known else 0.0
-    along = gx * float(room[_UX + k]) + gy * float(room[_UY + k])
-    is_inside = (d < 0.0) & (gx * gx + gy * gy < FLAT) & (q.thin <= 1.0)
-    room[_KNOWN + k], room[_D + k], room[_GX + k], room[_GY + k] = 1.0 if known else 0.0, d, gx, gy
-    room[_ALONG + k], room[_BEYOND + k] = along, 1.0 if (along > q.thin) | is_inside else 0.0
 
 
 @kernel
@@ -160,16 +147,13 @@ def information(
             end_x = float(points[X, first + k]) + length * stretch * dx
             end_y = float(points[Y, first + k]) + length * stretch * dy
             to_x, to_y = cosine * end_x - sine * end_y, sine * end_x + cosine * end_y
-            known, row, column, up, right = place_of(field, frame, at.x + to_x, at.y + to_y)
-            room[_TO_X + k], room[_TO_Y + k], room[_LENGTH + k] = to_x, to_y, length
-            room[_UX + k], room[_UY + k] = cosine * dx - sine * dy, sine * dx + cosine * dy
-            room[_KNOWN + k], room[_ROW + k], room[_COLUMN + k] = 1.0 if known else 0.0, 1.0 * row, 1.0 * column
-            room[_UP + k], room[_RIGHT + k] = up, right
-        for k in range(some):
-            near, far, above, across = corners_of(field, int(room[_ROW + k]), int(room[_COLUMN + k]))
-            room[_NEAR + k], room[_FAR + k], room[_ABOVE + k], room[_ACROSS + k] = near, far, above, across
-        for k in range(some):
-            _read(room, k, frame, q)
+            ux, uy = cosine * dx - sine * dy, sine * dx + cosine * dy
+            known, d, gx, gy = sample(field, frame, at.x + to_x, at.y + to_y)
+            d, gx, gy = d if known else 0.0, gx if known else 0.0, gy if known else 0.0
+            along, is_inside = gx * ux + gy * uy, (d < 0.0) & (gx * gx + gy * gy < FLAT) & (q.thin <= 1.0)
+            room[_TO_X + k], room[_TO_Y + k], room[_LENGTH + k], room[_UX + k], room[_UY + k] = to_x, to_y, length, ux, uy
+            room[_KNOWN + k], room[_D + k], room[_GX + k], room[_GY + k] = 1.0 if known else 0.0, d, gx, gy
+            room[_ALONG + k], room[_BEYOND + k] = along, 1.0 if (along > q.thin) | is_inside else 0.0
         for k in range(some):
             if room[_BEYOND + k] != 0.0:
                 _look_back(room, k, field, frame, at, q)

@@ -119,29 +119,6 @@ def at_cell(field: Any, row: int, column: int) -> float:
     return float(field[row, column])
 
 
-class Place(NamedTuple):
-    """Where a point lies between the centres of four cells."""
-
-    known: bool
-    """Whether all four are in the field."""
-    row: int
-    """Of the cell to the lower left."""
-    column: int
-    up: float
-    """How far from there to the next row, as a share ..."""
-    right: float
-    """... and to the next column."""
-
-
-class Corners(NamedTuple):
-    """A field at the centres of four cells: lower left and right, upper left and right; m."""
-
-    near: float
-    far: float
-    above: float
-    across: float
-
-
 @kernel
 def _from_centres(frame: Any, x: float, y: float) -> tuple[float, float]:
     """Return the column and row of a point, in cells from the centre of the first one."""
@@ -151,42 +128,24 @@ def _from_centres(frame: Any, x: float, y: float) -> tuple[float, float]:
 
 
 @kernel
-def place_of(field: Any, frame: Any, x: float, y: float) -> Place:
-    """Return where a point lies in a field."""
+def sample(field: Any, frame: Any, x: float, y: float) -> Sampled:
+    """Return a field at a point, bilinear between the cells' centres; unknown beside an unknown cell and outside of the map."""
     column, row = _from_centres(frame, x, y)
     rows, columns = field.shape
     inside = (column >= 0.0) & (row >= 0.0) & (column < columns - 1.0) & (row < rows - 1.0)
     j, i = int(column) if inside else 0, int(row) if inside else 0
-    return Place(inside, i, j, row - i, column - j)
-
-
-@kernel
-def corners_of(field: Any, i: int, j: int) -> Corners:
-    """Return a field at a cell and at those above and to the right of it."""
-    return Corners(at_cell(field, i, j), at_cell(field, i, j + 1), at_cell(field, i + 1, j), at_cell(field, i + 1, j + 1))
-
-
-@kernel
-def between(corners: Corners, known: bool, b: float, a: float, frame: Any) -> Sampled:
-    """Return a field between four cells: bilinear; unknown beside an unknown cell."""
-    near, far, above, across = corners
-    cosine, sine, per_cell = float(frame[2]), float(frame[3]), 1.0 / float(frame[4])
+    a, b, cosine, sine, per_cell = column - j, row - i, float(frame[2]), float(frame[3]), 1.0 / float(frame[4])
+    near, far = at_cell(field, i, j), at_cell(field, i, j + 1)
+    above, across = at_cell(field, i + 1, j), at_cell(field, i + 1, j + 1)
     low, high = near + a * (far - near), above + a * (across - above)
     distance = low + b * (high - low)
     along_row, along_column = ((1.0 - b) * (far - near) + b * (across - above)) * per_cell, (high - low) * per_cell
     return Sampled(
-        known & (distance == distance),
+        inside & (distance == distance),
         distance,
         along_row * cosine - along_column * sine,
         along_row * sine + along_column * cosine,
     )
-
-
-@kernel
-def sample(field: Any, frame: Any, x: float, y: float) -> Sampled:
-    """Return a field at a point, bilinear between the cells' centres; unknown beside an unknown cell and outside of the map."""
-    known, row, column, up, right = place_of(field, frame, x, y)
-    return between(corners_of(field, row, column), known, up, right, frame)
 
 
 @kernel
