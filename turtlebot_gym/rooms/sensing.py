@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from turtlebot_gym.kernel import compiled_scratch, exactly, is_plain, kernel
