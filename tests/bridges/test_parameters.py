@@ -31,7 +31,6 @@ REFUSED = [
     ("kalman_filter", {"filter": "gyro"}, "filter 'gyro' reads the sensor 'imu'"),
     ("kalman_filter", {"max_gap": 0.05}, "period must be at most max_gap, 0.05 s, got 0.1"),
     ("turtlebot_simulator", {"goals": 2}, "goals must be 0 without a world"),
-    ("turtlebot_simulator", {"world": "dense", "random_start": True}, "random_start must be false"),
     ("turtlebot_simulator", {"world": "dense", "lidar": "ideal", "period": 0.2}, "at most one scan in a control interval"),
     ("waypoint_generator", {"waypoints": "/nowhere.yaml"}, "got '/nowhere.yaml'"),
 ]

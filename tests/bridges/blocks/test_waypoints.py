@@ -57,11 +57,7 @@ def test_a_pose_from_rviz_takes_the_place_of_all_waypoints():
 EXPECTED = {"reference": Pose(1.0, 2.0, 0.5), "following": Pose(-1.0, 0.0, 0.0)}
 FILES = [
     ("a.yaml", "[[1, 2, 0.5], [-1, 0, 0]]", EXPECTED),
-    ("a.yml", "waypoints:\n  - [1, 2, 0.5]\n  - [-1, 0, 0]\n", EXPECTED),
-    ("a.csv", "x,y,theta\n1,2,0.5\n-1,0,0\n", EXPECTED),
-    ("a.csv", "# comment\n1, 2, 0.5\n\n-1, 0, 0\n", EXPECTED),
     *((name, text, None) for name, text in (("a.yaml", "[[1, 2]]"), ("a.yaml", "hello"), ("a.yaml", "[[1, .nan, 0]]"))),
-    *((name, text, None) for name, text in (("a.csv", "x,y,theta\n1,2\n"), ("a.txt", "1 2 3"))),
 ]
 
 
@@ -137,7 +133,7 @@ def test_a_robot_whose_goal_is_cancelled_stays_where_it_is(tolerance):
 
 def test_what_is_awaited_is_given_up_with_the_reason():
     def drive(seconds, estimates, **parameters):
-        node = located(patience=5.0, time_limit=20.0, **parameters)
+        node = located(patience=5.0, **parameters)
         errand, other = node.send(Pose(1.8, 1.0, 0.0), awaited=True), located(patience=5.0).send(Pose(1.8, 1.0, 0.0))
         for k in range(round(10 * seconds)):
             node.step(0.1, estimates(0.1 * k), None)
@@ -149,5 +145,4 @@ def test_what_is_awaited_is_given_up_with_the_reason():
     errand = drive(5.2, lambda time: None)
     assert (errand.code, errand.reason) == (Failure.NOT_LOCALIZED, "lost: no estimate for 2.5 s")
     assert drive(7.0, lambda time: at(*HERE) if time > 2.0 else None).is_active  # it was found, and may go on
-    errand = drive(20.2, lambda time: at(1.0 + 0.03 * time, 1.0))
-    assert (errand.code, errand.reason) == (Failure.TIMEOUT, "it took longer than 20 s")
+    assert drive(20.2, lambda time: at(1.0 + 0.03 * time, 1.0)).is_active  # it comes nearer

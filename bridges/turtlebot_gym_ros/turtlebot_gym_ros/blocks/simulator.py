@@ -79,8 +79,6 @@ class TurtlebotSimulator:
         publish_tf: bool = False
         """Whether to publish odometry on ``/tf`` and the LiDAR on ``/tf_static``; needs ``tf2_msgs``. A robot's bring-up does.
         """
-        random_start: bool = False
-        """Whether an episode starts at a random pose instead of at the origin. The navigation task draws it."""
         world: str = "open"
         """Room: "open" for none, one of `turtlebot_gym.rooms.rules.ROOMS`, a Gazebo world, or a map. A map is its YAML file."""
         lidar: str = "lds01"
@@ -98,8 +96,6 @@ class TurtlebotSimulator:
             check_fields(self, "")
             if self.goals and not self.in_room:
                 raise ValueError("goals must be 0 without a world: goals in turn are drawn in a room.")
-            if self.in_room and self.random_start:
-                raise ValueError("random_start must be false in a world: the room says where the robot starts.")
 
         @property
         def in_room(self) -> bool:
@@ -112,7 +108,7 @@ class TurtlebotSimulator:
 
     def __init__(self, params: Params) -> None:
         room = replace(MISSION, laps=params.goals) if params.goals else ROOM
-        task = replace(room if params.in_room else replace(NAV, random=params.random_start), max_steps=math.inf)
+        task = replace(room if params.in_room else replace(NAV, random=False), max_steps=math.inf)
         p, _, plan, _ = Options(
             task=task,
             robot=params.robot,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,7 +31,7 @@ class WaypointGenerator:
 
     A goal takes the place of all waypoints: a pose from RViz, or a goal of the action ``navigate_to_pose``, if ``nav2_msgs`` is
     installed. That one is reached when the controller is done with it; it is given up, with the reason, without an estimate for
-    2.5 s, without progress for ``patience``, and after ``time_limit``. If a goal is refused, cancelled or given up, the robot
+    2.5 s, and without progress for ``patience``. If a goal is refused, cancelled or given up, the robot
     stays where it is until the next goal or a reset.
 
     Inputs, all optional: ``estimate`` (`Estimate`, on ``estimate``), ``goal`` (`Pose`, on ``goal_pose``), and if ``waypoints``
@@ -47,7 +46,7 @@ class WaypointGenerator:
         frame: str = "odom"
         """World frame; poses in other frames are refused."""
         waypoints: str = "square"
-        """"square", "room", the goal of the simulator's room, or a .yaml or .csv file of x, y, theta. The square is the
+        """"square", "room", the goal of the simulator's room, or a .yaml file, a list of [x, y, theta]. The square is the
         tutorial's; m and rad."""
         switch: str = "arrival"
         """When to switch to the next waypoint: on "arrival" by the estimate, or after a "time"."""
@@ -63,8 +62,6 @@ class WaypointGenerator:
         """Distance within which an action's goal is reached, m; with 0 it is ``radius``. As in velocity_controller."""
         patience: Annotated[float, POSITIVE.of("s")] = 30.0
         """Time without coming nearer after which an action's goal is given up, s. Without an estimate that takes 2.5 s."""
-        time_limit: Annotated[float, NON_NEGATIVE.of("s")] = 600.0
-        """Time after which an action's goal is given up, s; 0 for no limit."""
         period: Annotated[float, PERIOD] = 0.1
         """Period of publishing, s."""
 
@@ -167,7 +164,7 @@ class WaypointGenerator:
             errand.at(self._here)
             if believed_to_arrive(estimate.belief.mean, errand.goal, self._target):
                 errand.end("reached")
-        if errand.awaited and (why := errand.overdue(self._params.patience, self._params.time_limit)):
+        if errand.awaited and (why := errand.overdue(self._params.patience)):
             errand.end("failed", *why)
         if errand.state == "failed":
             self.notice = f"goal given up: {errand.reason}"
@@ -183,13 +180,8 @@ class WaypointGenerator:
 
 
 def _load_waypoints(path: str) -> Any:
-    """Read a list of ``[x, y, theta]`` from YAML, or lines of CSV with or without a header; `Options` checks the numbers."""
+    """Read a YAML list of ``[x, y, theta]``; `Options` checks the numbers."""
     try:
-        file = Path(path).expanduser()
-        if file.suffix == ".csv":
-            rows = csv.reader(file.read_text("utf-8-sig").splitlines())
-            return [row for row in rows if row and row[0].strip()[:1] not in ("#", "x")]
-        content = load(file)
-    except (ValueError, OSError, csv.Error) as error:
-        raise ValueError(f"waypoints must be 'square', 'room', or a .yaml or .csv file, got {path!r}: {error}") from error
-    return content.get("waypoints") if isinstance(content, dict) else content
+        return load(Path(path).expanduser())
+    except (ValueError, OSError) as error:
+        raise ValueError(f"waypoints must be 'square', 'room', or a .yaml file, got {path!r}: {error}") from error

@@ -40,7 +40,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--filter": {"help": "matched (default), calibrated, tutorial, gated, FILE.yaml, or MODULE:NAME"},
     "--fix": {"help": f"external pose sensor: {', '.join(FIXES)}, or FILE.yaml (default: none)"},
     "--localizer": {"help": "with a world, localize by scans instead: match, robot, or FILE.yaml"},
-    "--waypoints": {"help": '"square" (default), or a .yaml or .csv file'},
+    "--waypoints": {"help": '"square" (default), or a .yaml file'},
     "--world": {"help": "a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"},
     "--goals": {"type": int, "help": "with a world, number of goals in turn, as in missions (default: one)"},
     "--lidar": {"help": f"the LiDAR in a world: {', '.join(LIDARS)}, or FILE.yaml (default: lds01)"},

@@ -29,7 +29,6 @@ class Failure(IntEnum):
     OTHER = 9000
     BEHAVIOR_TREE = 9001
     NOT_LOCALIZED = 9002
-    TIMEOUT = 9003
 
 
 @dataclass(kw_only=True)
@@ -78,12 +77,10 @@ class Errand:
         if left < self.nearest - CLOSER:
             self.nearest, self.since = left, self.time
 
-    def overdue(self, patience: float, limit: float) -> tuple[Failure, str] | None:
-        """Return why it takes too long, if so: no estimate, no progress for ``patience``, or the time limit; s."""
+    def overdue(self, patience: float) -> tuple[Failure, str] | None:
+        """Return why it takes too long, if so: no estimate, or no progress for ``patience``, s."""
         if self.time - self.known > (longest := min(GONE, patience)):
             return Failure.NOT_LOCALIZED, f"lost: no estimate for {longest:g} s"
         if self.time - self.since > patience:
             return Failure.NO_PROGRESS, f"no progress for {patience:g} s: is velocity_controller enabled, and the way free?"
-        if 0.0 < limit < self.time:
-            return Failure.TIMEOUT, f"it took longer than {limit:g} s"
         return None

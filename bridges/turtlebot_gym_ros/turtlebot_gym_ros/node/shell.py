@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from threading import Thread
 from typing import Any, TypeVar
@@ -118,6 +117,8 @@ class Shell:
         rests = any(feed.declared.halts for feed in self.feeds.values())
         self._resume = node.create_publisher(Empty, "resume", STREAM) if rests else None
         self.switch = Switch(self) if self.outputs.moving else None
+        if self.switch:
+            self.at_rest = self.switch.at_rest
         self._action = offer(node, block, self.feeds, self.common)
         if name := getattr(block, "nav2_name", ""):
             be_active(node, name)
@@ -259,10 +260,6 @@ class Shell:
         for feed in self.feeds.values():
             values |= feed.figures(now)
         self._reporter.publish(problems, state, values)
-
-    def at_rest(self) -> AbstractContextManager[None]:
-        """Stop the robot, and let no step move it within the context."""
-        return self.switch.at_rest() if self.switch else nullcontext()
 
     def close(self) -> None:
         """Stop the robot if it moves, wait until messages are delivered unless the context has ended, and destroy the node."""
