@@ -14,9 +14,6 @@ from turtlebot_gym_ros.base.names import absolute, message_type
 from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, until
 
-SETTLED = 1.5
-"""Time without anything new after which the graph counts as known, s."""
-
 
 @answered
 def topics(argv: Any = None) -> int:
@@ -31,7 +28,10 @@ def topics(argv: Any = None) -> int:
     with asking() as node:
         if options.echo or options.once:
             return _echo(node, absolute(options.topic, "topic"), options.wait, once=options.once)
-        _settle(node, options.wait)
+        end = time.monotonic() + options.wait
+        while time.monotonic() < end:
+            go_on()
+            time.sleep(0.05)
         if remark := remark_if_alone(node):
             raise TimeoutError(f"there are no topics.{remark}")
         for name, types in sorted(node.get_topic_names_and_types()):
@@ -71,16 +71,3 @@ def _echo(node: Node, topic: str, seconds: float, *, once: bool) -> int:
         go_on()
         time.sleep(0.05)
     return 0
-
-
-def _settle(node: Node, seconds: float) -> None:
-    """Wait until a node has discovered others, and does not discover more, at most some seconds."""
-    end, known, since = time.monotonic() + seconds, 0, time.monotonic()
-    while time.monotonic() < (end if remark_if_alone(node) else min(end, since + SETTLED)):
-        go_on()
-        names = [name for name, _ in node.get_topic_names_and_types()]
-        size = sum(node.count_publishers(name) + node.count_subscribers(name) for name in names)
-        size += len(node.get_service_names_and_types())
-        if size != known:
-            known, since = size, time.monotonic()
-        time.sleep(0.05)
