@@ -12,7 +12,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from cmd_vel_guard.discovery import prepare
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym_ros import Graph
-from turtlebot_gym_ros.base.names import absolute, prefix_of, remapping
+from turtlebot_gym_ros.base.names import absolute, prefix_of
 from turtlebot_gym_ros.graph.bringup import main, metrics
 
 NODES = ("turtlebot_simulator", "kalman_filter", "velocity_controller", "waypoint_generator")
@@ -85,7 +85,6 @@ def test_each_of_two_robots_in_lock_step_drives_its_own_episode_to_the_bit(compa
 )
 def test_a_namespace_is_written_as_ros_writes_it(given, full, prefix):
     assert (absolute(given), prefix_of(given)) == (full, prefix)
-    assert remapping(given) == ([] if full == "/" else ["--ros-args", "-r", f"__ns:={full}"])
 
 
 @pytest.mark.parametrize("wrong", ["1robot", "a//b", "a__b", "robot-1", "röbot"])

@@ -27,11 +27,6 @@ def prefix_of(namespace: str) -> str:
     return f"{name}/" if name else ""
 
 
-def remapping(namespace: str) -> list[str]:
-    """Return the command-line arguments that put a node into a namespace."""
-    return [] if absolute(namespace) == ROOT else ["--ros-args", "-r", f"__ns:={absolute(namespace)}"]
-
-
 def message_type(name: str) -> Any:
     """Return a message type by its name in the graph, "std_msgs/msg/Bool"; raise `ValueError` if it is not installed."""
     package, *kinds = name.split("/")
