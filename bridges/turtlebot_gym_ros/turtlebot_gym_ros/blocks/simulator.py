@@ -23,10 +23,10 @@ from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.node.block import PERIOD, TF, Every, Input, Output, Stamped, Transform
 
 NO_FIX = ("none", "")
-FIX_OUTPUTS = {"fix": Output(topic="pose_fix", type=Fix, newest=True, reliable=False)}
+FIX_OUTPUTS = {"fix": Output(topic="pose_fix", type=Fix, newest=True)}
 """Additional outputs with an external pose sensor."""
 ROOM_OUTPUTS = {
-    "scan": Output(topic="scan", type=Scan, newest=True, reliable=False),
+    "scan": Output(topic="scan", type=Scan, newest=True),
     "goal": Output(topic="room_goal", type=Pose),
     "clearance": Output(topic="clearance", type=Clearance),
     "obstacles": Output(topic="obstacles", type=Obstacles),

@@ -82,8 +82,6 @@ class Output:
     newest: bool = False
     """Whether the output is absent from some steps. In lock-step each step then also publishes on ``TOPIC/newest`` which
     message is the newest, for inputs that wait for it."""
-    reliable: bool = True
-    """Reliable QoS if true; best effort otherwise, as for sensor data. Lock-step is always reliable."""
     latched: bool = False
     """Whether late joiners receive the last value, for outputs that are published once. Such values belong to no step of
     lock-step."""

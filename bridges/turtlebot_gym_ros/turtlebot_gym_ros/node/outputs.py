@@ -12,7 +12,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Header
 
-from cmd_vel_guard.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
+from cmd_vel_guard.qos import LATCHED, LOCK_STEP, STREAM
 from cmd_vel_guard.sources import type_name
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.base.frames import Common
@@ -32,7 +32,7 @@ class Outputs:
         self._ways = {key: conversion(output.type, stamped=common.enable_stamped_cmd_vel) for key, output in declared.items()}
         self._publishers = {}
         for key, output in declared.items():
-            qos = LATCHED if output.latched else LOCK_STEP if lock_step else STREAM if output.reliable else SENSOR
+            qos = LATCHED if output.latched else LOCK_STEP if lock_step else STREAM
             kind, override = self._ways[key].message, QoSOverridingOptions.with_default_policies()
             self._publishers[key] = node.create_publisher(kind, output.topic, qos, qos_overriding_options=override)
         newest = {key: f"{output.topic}/newest" for key, output in declared.items() if lock_step and output.newest}
