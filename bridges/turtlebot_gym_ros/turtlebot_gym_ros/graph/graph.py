@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from threading import Event
 from typing import Any
 
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import SetBool
 
 from cmd_vel_guard.process import SETTLE, Runner
 from turtlebot_gym.config import choose
@@ -161,10 +161,7 @@ class Graph:
         self._wait(lambda graph: all(topic in graph.latest for topic in topics))
         if self._autonomous:
             self._ask("velocity_controller/enable", SetBool, SetBool.Request(data=True))
-            self._wait(lambda graph: graph.latest["true_state"].v or graph.latest["true_state"].omega)
-        # Only now is every node connected to every other: earlier steps do not count.
-        self._recorder.restart()
-        self._ask("turtlebot_simulator/reset", Trigger, Trigger.Request())
+        self._recorder.restart()  # the robot stood until now
         self._wait(lambda graph: graph._recorder.has_begun)
 
     def _wait(self, condition: Callable[[Graph], Any]) -> None:

@@ -75,7 +75,6 @@ class Recorder:
         self._last: int | None = None
         self._span = -1
         self._first = 0
-        self._waits_for_rest = False
         self._heard: list[Subscription] = []
         for topic, kind in {**topics, **(ROOM_TOPICS if room else {})}.items():
             way = conversion(kind, stamped=stamped)
@@ -99,12 +98,8 @@ class Recorder:
                 if self._lock_step:
                     self._add(stamp, topic, value)
                     return
-                if self._waits_for_rest and topic == "true_state" and value.v == value.omega == 0.0:
-                    self._rows.clear()
-                    self._waits_for_rest, self._first = False, stamp
-                if stamp >= self._first and not self._waits_for_rest:
-                    begun = {name: self.latest[name] for name in STEP[3:] if name in self.latest}  # in force when it begins
-                    self._rows.setdefault(stamp, begun)[topic] = value
+                begun = {name: self.latest[name] for name in STEP[3:] if name in self.latest}  # in force when it begins
+                self._rows.setdefault(stamp, begun)[topic] = value
 
         return hear
 
@@ -131,10 +126,9 @@ class Recorder:
         self.state = message.data
 
     def restart(self) -> None:
-        """Drop the samples so far, and begin with the first one of a plant at rest."""
+        """Drop the samples so far."""
         with self._lock:
             self._rows.clear()
-            self._waits_for_rest = True
 
     @property
     def has_begun(self) -> bool:

@@ -6,7 +6,6 @@ shell's ``step`` when one is due.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from rclpy.clock import Clock
@@ -21,10 +20,6 @@ from turtlebot_gym_ros.node.triggers import SECOND, Messages, StampGrid
 
 if TYPE_CHECKING:
     from turtlebot_gym_ros.node.shell import Shell
-
-QUIET = 0.3
-"""Time without steps after a reset of a plant in real time, s, in which all nodes receive the reset: a filter that received it
-late would start with a later step."""
 
 
 class Scheduler:
@@ -71,18 +66,13 @@ class _ByClock(Scheduler):
 
     def __init__(self, shell: Shell, trigger: Every) -> None:
         super().__init__(shell, period=trigger.period)
-        self._quiet_until, self._grid = -math.inf, StampGrid(trigger)
+        self._grid = StampGrid(trigger.period)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # the system clock may be set back
         shell.node.create_timer(trigger.period, self._tick, clock=steady, callback_group=shell.group)
 
     def _tick(self) -> None:
         for stamp in self._grid.due_until(self.present()):
-            if self._shell.now() >= self._quiet_until:
-                self._shell.step(stamp)
-
-    def new_episode(self) -> None:
-        """Pause until all nodes have received the reset."""
-        self._quiet_until = self._shell.now() + QUIET
+            self._shell.step(stamp)
 
 
 class _ByMessages(Scheduler):

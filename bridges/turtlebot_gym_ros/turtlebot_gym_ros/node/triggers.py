@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from turtlebot_gym_ros.node.block import Every, On
+from turtlebot_gym_ros.node.block import On
 
 SECOND = 1_000_000_000
 SLOW_AFTER = 5
@@ -12,26 +12,19 @@ SLOW_AFTER = 5
 
 
 class StampGrid:
-    """Steps at exact multiples of a period after the first one; late steps are made up for.
+    """Steps at exact multiples of a period after the first one; late steps are made up for."""
 
-    The first call may be late by any part of a period, and punctual calls then come that much before their stamps. So a call
-    takes its step from three quarters of a period before the stamp, and makes up for another one from a quarter before. With
-    one limit for both, calls that come just around it would make no step and two steps in turn.
-    """
-
-    def __init__(self, trigger: Every) -> None:
-        self._period_ns = round(trigger.period * SECOND)
+    def __init__(self, period: float) -> None:
+        self._period_ns = round(period * SECOND)
         self._next: int | None = None
 
     def due_until(self, now: int) -> Iterator[int]:
-        """Yield the stamps up to now, ns; only one if the clock has leapt or stood still."""
+        """Yield the stamps that are nearer than the next one, ns; only one if the clock has leapt or stood still."""
         if self._next is None or not -2 * self._period_ns < now - self._next < SECOND:  # the next one is that near at most
             self._next = now
-        early = 3 * self._period_ns // 4
-        while self._next - now < early:
+        while self._next - now < self._period_ns // 2:
             stamp = self._next
             self._next += self._period_ns
-            early = self._period_ns // 4
             yield stamp
 
 
