@@ -47,7 +47,7 @@ ACROSS = 0.03, 0.1  # speed to the left, m/s and as a share of the speed, from w
 HOME = 1e-6  # distance from the origin within which a robot that was elsewhere has begun anew, m
 UNITS = {1000.0: "mm", 100.0: "cm", 39.37: "inches", 3.281: "feet"}  # of a metre that are taken for one
 DEGREES = math.degrees(1.0)
-ELSEWHERE = JUMPS, ANEW, PAUSED = "odometry jumps", "odometry begins anew", "after a pause"  # of a robot that was moved
+JUMPS, ANEW, PAUSED = "odometry jumps", "odometry begins anew", "after a pause"  # of a robot that was moved
 UNEXPLAINED = "pose and twist differ"
 
 Motion = tuple[complex, float]
@@ -92,11 +92,6 @@ class Agreement:
         self._at: _Said | None = None
         self._said: deque[_Said] = deque()
         self._orders: deque[tuple[float, Command, Command]] = deque()
-
-    @property
-    def displaced(self) -> bool:
-        """Whether odometry is refused only since the robot seems to be elsewhere, as after a reset."""
-        return (self.cause or self._first).startswith(ELSEWHERE)
 
     def pause(self) -> None:
         """Record a pause of odometry of unknown length, in which the robot has stopped: it must be about where it was."""

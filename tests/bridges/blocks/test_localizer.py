@@ -120,6 +120,24 @@ def test_a_scan_is_read_as_it_was_sent(drive):
     assert loop.node.figures["localization"] == "tracking"
 
 
+def test_a_person_lets_it_go_on_from_where_it_was_after_a_reset_of_the_odometry(drive):
+    loop, more = drive(), {}
+    step = loop.node.step
+
+    def moved(dt, odometry, *rest):
+        x, y, theta = odometry.pose
+        return step(dt, odometry._replace(pose=Pose(x + 2.0, y, theta)), *rest, **more)
+
+    loop.go(5.0)
+    loop.node.step = moved
+    assert loop.go(1.0, STOP) == 0
+    assert "odometry jumps by 2.00 m" in loop.node.fault
+    more["resume"] = True
+    assert loop.go(0.1, STOP) == 1
+    assert loop.error < 0.05
+    assert loop.node.fault is None
+
+
 def test_the_map_of_a_file_is_published_once_also_while_the_robot_is_lost(drive, tmp_path):
     loop = drive(map=str(tmp_path / "map.yaml"), start="unknown")
     loop.go(0.1)

@@ -39,8 +39,6 @@ FAR = 20.0
 """Greatest range that is used, m: the end of a longer beam moves by its heading's error more than a map's cells are wide."""
 AHEAD = 0.1
 """Time by which the transform to ``odom`` is stamped ahead, s, so that it holds until the next one."""
-LEAPS, LEAP_TIME = 3, 10.0
-"""Number of times in so many seconds that odometry may begin elsewhere: the scans say where the robot is."""
 STATES = {TRACKING: "tracking", UNSURE: "unsure", LOST: "lost"}
 """States of the localizer in the diagnostics."""
 MAP_INPUT = Input(topic="map", type=GridMap, max_age=None, latched=True)
@@ -157,7 +155,6 @@ class Localizer:
         self._located: Located | None = None
         self._trail, self._bank = np.empty((TRAIL, 4)), np.zeros((ROWS, COLUMNS))
         self._ticks = Ticks()
-        self._leaps: list[float] = []
         self._agreement.begin()
         self.notice = None
 
@@ -181,27 +178,22 @@ class Localizer:
         command: Command | None = None,
         resume: object = None,
     ) -> dict[str, Any]:
-        """Return the belief after odometry that is ``dt`` later, s; nothing if the robot is lost, or odometry is not believed.
-
-        Where odometry is only displaced, as by a reset, the robot counts as standing for that step.
-        """
+        """Return the belief after odometry that is ``dt`` later, s; none if it is lost, or odometry is not believed."""
         if map is not None and map is not self._grid:
             self._take_map(map)
+        if self._agreement.cause and resume is not None:  # the robot has stood since, whatever became of its odometry
+            self._odometry, dt = odometry, 0.0
         if initial_pose is not None or resume is not None:
             self._agreement.begin()
-        displaced = False
         if dt <= 0.0 and self._located is not None:
             self._agreement.pause()
         if why := self._agreement.judge(max(dt, 0.0), odometry, command):
-            displaced = self._located is not None and self._is_displaced()
-            if not displaced:
-                self.notice = f"odometry refused: {why}"
-                return self._verdict.news(self._agreement.cause)
+            self.notice = f"odometry refused: {why}"
+            return self._verdict.news(self._agreement.cause)
         if self._located is None:
             after = self._begin(odometry, scan)
         else:
-            self._odometry = odometry if displaced else self._odometry
-            if dt > 0.0 and not displaced:
+            if dt > 0.0:
                 self._ticks.advance(dt)
             else:  # steps were skipped: how long ago the beams of a scan were measured is not known until the next one
                 dt = self._ticks.dt or REFERENCE_PERIOD
@@ -216,13 +208,6 @@ class Localizer:
         self._located, self._odometry = self._correct(after, scan), odometry
         drawn, self._unsaid = self._unsaid, None
         return self._answer(self._located, odometry) | ({"map": drawn} if drawn else {}) | self._verdict.news("")
-
-    def _is_displaced(self) -> bool:
-        """Return whether odometry only begins elsewhere, a few times in a while; then it is read from there."""
-        self._leaps = [*(leap for leap in self._leaps if self._ticks.time - leap < LEAP_TIME), self._ticks.time][-LEAPS - 1 :]
-        if displaced := self._agreement.displaced and len(self._leaps) <= LEAPS:
-            self._agreement.begin()
-        return displaced
 
     def _begin(self, odometry: Odometry, scan: Stamped) -> Located:
         """Return the belief at the first odometry; scans from before it are not used."""
