@@ -107,7 +107,7 @@ class ScanWatch:
         self._before: tuple[float, _Points] | None = None
         self._votes: list[int] = []
         self._still, self._doubts, self._wrong = np.zeros(PARTS), np.zeros(len(LATE)), ""
-        self._frozen: tuple[NDArray[np.float64], NDArray[np.bool_]] | None = None
+        self._frozen: tuple[_Points, NDArray[np.bool_]] | None = None
 
     def move(self, twist: Command, now: float) -> None:
         """Take a twist that the robot has measured, in force from now on; without any, late scans are not noticed."""
@@ -215,13 +215,13 @@ class ScanWatch:
         if self._still.max() > AT_REST:
             (at, away), bins, part = moved, len(now[0]), int(self._still.argmax())
             telling = at[(away > 0.5 * here[part]) & np.isin(((at * PARTS).astype(int) - part) % PARTS, (0, 1))]
-            self._frozen = abs(now[0]), np.isin(np.arange(bins), np.round(telling * bins) % bins)
+            self._frozen = now[0], np.isin(np.arange(bins), np.round(telling * bins) % bins)
 
-    def _thaw(self, frozen: tuple[NDArray[np.float64], NDArray[np.bool_]], points: _Points, bins: int) -> None:
+    def _thaw(self, frozen: tuple[_Points, NDArray[np.bool_]], points: _Points, bins: int) -> None:
         """Believe a part again where points change: somebody walked beside the robot, or it measures again."""
         then, telling = frozen
         if len(then) == bins:
-            now, then = abs(_surface(points, bins)[0])[telling], then[telling]
+            now, then = abs(_surface(points, bins)[0][telling]), abs(then[telling])
             changed = ~(np.abs(now - then) < CAP) & ~(np.isnan(now) & np.isnan(then))
             if changed.mean() > CHANGED:
                 self._frozen, self._still = None, np.zeros(PARTS)

@@ -43,20 +43,14 @@ class Estimate(NamedTuple):
 
 
 @kernel
-def initialize(odometry: Pose, tuning: FilterTuning) -> Estimate:
+def start(senses: Senses, tuning: FilterTuning) -> Estimate:
     """Start from the first measurement, or at the origin if the tuning says so."""
-    R, P0 = tuning.R, tuning.P0
+    R, P0, odometry = tuning.R, tuning.P0, senses.odometry.pose
     x, y, theta = (0.0, 0.0, 0.0) if tuning.from_origin else (odometry.x, odometry.y, odometry.theta)
     xx, yy, tt = (P0[0], P0[1], P0[2]) if tuning.from_origin else (R[0], R[1], R[2])
     vv, ww = (P0[3], P0[4]) if tuning.from_origin else (0.0, 0.0)
-    covariance = Covariance(xx, 0.0, 0.0, yy, 0.0, tt, vv, ww)
-    return Estimate(Belief(State(x, y, theta, 0.0, 0.0), covariance), 0.0, 0.0 if tuning.from_origin else ONE_MEASUREMENT)
-
-
-@kernel
-def start(senses: Senses, tuning: FilterTuning) -> Estimate:
-    """Start from the first measurement; see `interface.Filter`."""
-    return initialize(senses.odometry.pose, tuning)
+    belief = Belief(State(x, y, theta, 0.0, 0.0), Covariance(xx, 0.0, 0.0, yy, 0.0, tt, vv, ww))
+    return Estimate(belief, 0.0, 0.0 if tuning.from_origin else ONE_MEASUREMENT)
 
 
 @algebra
@@ -174,33 +168,29 @@ def _gated_step(
 
 @kernel
 def _carried_start(senses: Senses, tuning: FilterTuning) -> Estimate:
-    return Estimate(initialize(senses.odometry.pose, tuning).belief, 0.0, 0.0)
+    return start(senses, tuning)._replace(rejections=0.0)
 
 
 @kernel
 def _carried_step(
     estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
 ) -> Estimate:
-    """Move the belief as the odometry moved, or by the twist if its systematic errors are known; the covariance grows."""
-    x, y, theta, _, _ = estimate.belief.mean
-    process, (z, twist, measured), last = tuning.process, senses.odometry, before.odometry.pose
+    """Move the belief as the odometry moved, or by the twist if its systematic errors are known; the covariance grows.
+
+    The twist also moves it where odometry moved farther than its twists at the start and the end of the time explain.
+    """
+    mean, process, rules = estimate.belief.mean, tuning.process, tuning.kind
+    (z, twist, measured), last, missed = senses.odometry, before.odometry.pose, estimate.rejections
     is_exact = (process.scale == 1.0) & (process.turn_scale == 1.0) & (process.veer == 0.0)  # without the branch of an `and`
     prior = predict(estimate.belief, twist, tuning, dt, integrator)
-    pose = increment(Pose(x, y, theta), last, z, sincos(theta - last.theta))
-    missed = estimate.rejections  # measurements in a row, after which an increment is as many times as long
-    carries = is_exact & (not _leaps(last, z, estimate.belief.mean, twist, (missed + 1.0) * dt, tuning))
+    time, x, y = (missed + 1.0) * dt, z.x - last.x, z.y - last.y  # since the last measurement
+    way = max(abs(mean.v), abs(twist.v)) * time + rules.leap
+    turn = max(abs(mean.omega), abs(twist.omega)) * time + rules.leap_turn
+    leaps = (x * x + y * y > way * way) | (abs(wrap(z.theta - last.theta)) > turn)
+    pose = increment(Pose(mean.x, mean.y, mean.theta), last, z, sincos(mean.theta - last.theta))
     by_increment = prior.mean._replace(x=pose.x, y=pose.y, theta=pose.theta)
-    mean = by_increment if carries else prior.mean
-    return Estimate(Belief(mean, prior.covariance), 0.0, 0.0 if measured else missed + 1.0)
-
-
-@kernel
-def _leaps(last: Pose, z: Pose, moving: State, twist: Command, time: float, tuning: FilterTuning) -> bool:
-    """Return whether odometry moved farther in a time, s, than its twists at the start and the end of it explain."""
-    rules, x, y = tuning.kind, z.x - last.x, z.y - last.y
-    way = max(abs(moving.v), abs(twist.v)) * time + rules.leap
-    turn = max(abs(moving.omega), abs(twist.omega)) * time + rules.leap_turn
-    return (x * x + y * y > way * way) | (abs(wrap(z.theta - last.theta)) > turn)
+    moved = by_increment if is_exact & (not leaps) else prior.mean
+    return Estimate(Belief(moved, prior.covariance), 0.0, 0.0 if measured else missed + 1.0)
 
 
 EXTENDED_KALMAN = Filter(start, step, fix)

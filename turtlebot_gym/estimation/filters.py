@@ -25,11 +25,11 @@ def filter_of(tuning: FilterTuning) -> Filter:
     Raises:
         ValueError: If its kind belongs to no filter.
     """
-    brought = getattr(tuning.kind, "filter", None)
-    if not isinstance(brought, Filter) and type(tuning.kind) not in FILTERS:
+    found = FILTERS.get(type(tuning.kind)) or getattr(tuning.kind, "filter", None)
+    if not isinstance(found, Filter):
         known = ", ".join(kind.__name__ for kind in FILTERS)
         raise refusal("FilterTuning.kind", f"one of {known}, or have a Filter as its attribute 'filter'", tuning.kind)
-    return brought if isinstance(brought, Filter) else FILTERS[type(tuning.kind)]
+    return found
 
 
 def matrix(covariance: ArrayLike) -> NDArray[Any]:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.values import Belief, Fix, Pose, senses_of
+from turtlebot_gym.values import ORIGIN, Belief, Fix, senses_of
 
 
 class StoredStep(NamedTuple):
@@ -31,9 +31,8 @@ class Remembered(NamedTuple):
 
     belief: Belief
     nis: float
-    """Normalized innovation squared of the odometry's last measurement."""
     newest: Any
-    """The filter's own estimate."""
+    """The filter's own estimate, with that belief and NIS."""
     history: tuple[StoredStep, ...]
     """Inputs of the last steps, newest first."""
     oldest: Any
@@ -47,22 +46,16 @@ def late_by(age: float, dt: float) -> int:
     return round(age / dt)
 
 
-NO_FIX = Fix(Pose(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, False, (0.0, 0.0, 0.0))
-"""What stands for no fix."""
+NO_FIX = Fix(ORIGIN, (1.0, 1.0, 1.0), 0.0, False)
 
 
 @cache
 def with_fixes(filter: Filter, depth: int) -> Filter:
-    """Return a filter that also takes fixes up to some age, from the sensor "fix"; it goes on reading what it has read.
-
-    Args:
-        filter: Any filter.
-        depth: Number of stored steps; with 0 it takes fixes of the present step.
-    """
+    """Return a filter that also takes fixes, from the sensor "fix": those of the present step, and of ``depth`` stored ones."""
     if depth == 0:
         return _in_time(filter)
     begin, step, fix_in, reads, *_ = filter
-    Read, places, last = senses_of(reads), tuple(range(depth + 1)), depth
+    Read, places = senses_of(reads), tuple(range(depth + 1))
 
     @kernel
     def stored_step(senses, dt):
@@ -76,9 +69,7 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
     def advance(estimate, before, now, tuning, integrator):
         """Repeat a stored step."""
         moved = step(estimate, before.senses, now.senses, tuning, now.dt, integrator)
-        if now.fix.arrived:
-            moved = fix_in(moved, now.fix.pose, now.fix.R + now.fix.cross, tuning)
-        return moved
+        return fix_in(moved, now.fix.pose, now.fix.R + now.fix.cross, tuning) if now.fix.arrived else moved
 
     @kernel
     def start(senses, tuning):
@@ -108,10 +99,10 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
     @kernel
     def step_on(estimate, before, senses, tuning, dt, integrator):
         old, oldest, now = estimate.history, estimate.oldest, senses.fix
-        if estimate.steps >= last:
-            oldest = advance(oldest, old[last], old[last - 1], tuning, integrator)
+        if estimate.steps >= depth:
+            oldest = advance(oldest, old[depth], old[depth - 1], tuning, integrator)
         newest, stored = step(estimate.newest, before, senses, tuning, dt, integrator), (stored_step(senses, dt), *old[:-1])
-        remembered = remember(newest, stored, oldest, min(estimate.steps + 1.0, 1.0 * last))
+        remembered = remember(newest, stored, oldest, min(estimate.steps + 1.0, 1.0 * depth))
         if now.arrived:
             fix = Fix(now.pose, now.R, now.age, now.arrived, now.cross)  # without what a simulated sensor keeps beside it
             remembered = insert(remembered, fix, tuning, integrator)
@@ -126,8 +117,7 @@ def _in_time(filter: Filter) -> Filter:
     @kernel
     def step_on(estimate, before, senses, tuning, dt, integrator):
         now, moved = senses.fix, step(estimate, before, senses, tuning, dt, integrator)
-        if now.arrived and abs(now.age) <= 0.5 * dt + 1e-9:
-            moved = fix_in(moved, now.pose, now.R + now.cross, tuning)
-        return moved
+        is_now = now.arrived and abs(now.age) <= 0.5 * dt + 1e-9
+        return fix_in(moved, now.pose, now.R + now.cross, tuning) if is_now else moved
 
     return filter._replace(step=step_on, reads=(*filter.reads, "fix"))

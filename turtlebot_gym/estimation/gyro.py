@@ -55,7 +55,7 @@ class _GyroEstimate(NamedTuple):
 
 @kernel
 def _start(senses: Any, tuning: FilterTuning) -> _GyroEstimate:
-    belief, deviation = ekf.initialize(senses.odometry.pose, tuning).belief, tuning.kind.bias_deviation
+    belief, deviation = ekf.start(senses, tuning).belief, tuning.kind.bias_deviation
     bias = Sixth(0.0, deviation * deviation, Pose(0.0, 0.0, 0.0))
     return _GyroEstimate(belief, 0.0, bias, ONE_MEASUREMENT, 0.0, 0.0, belief.covariance.ww)
 

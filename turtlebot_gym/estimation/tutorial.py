@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from turtlebot_gym.estimation.ekf import initialize
+from turtlebot_gym.estimation.ekf import start
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.update import Variances, independent, innovation_variance, inverse_of
 from turtlebot_gym.kernel import algebra, kernel
@@ -72,7 +72,7 @@ def _correct(mean: State, P: tuple[float, ...], z: Pose, turn: float, R: Varianc
 
 @kernel
 def _start(senses: Any, tuning: FilterTuning) -> TutorialEstimate:
-    belief = initialize(senses.odometry.pose, tuning).belief
+    belief = start(senses, tuning).belief
     P = belief.covariance
     return _estimate(belief.mean, 0.0, (P.xx, 0.0, 0.0, 0.0, 0.0, P.yy, 0.0, 0.0, 0.0, P.tt, 0.0, 0.0, P.vv, 0.0, P.ww))
 

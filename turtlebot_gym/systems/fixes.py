@@ -32,14 +32,6 @@ class TrackedFix(NamedTuple):
 
 
 @kernel
-def _arrives(noise: FixNoise, key: int, stamp: int, dt: float) -> bool:
-    """Return whether the fix that was measured in a step arrives, without a branch; ``key`` is the sensor's own."""
-    every = max(math.floor(noise.period / dt + 0.5), 1)
-    event, _ = uniforms(key, stamp, EVENTS)
-    return (stamp > 0) & (stamp == every * math.floor(stamp / every)) & (event >= noise.dropout_probability)
-
-
-@kernel
 def _measure(was: Pose, noise: FixNoise, key: int, stamp: int) -> Pose:
     """Return a pose as it is measured; without a heading, it is 0."""
     R, (xy, xt, yt) = noise.R, noise.cross
@@ -74,8 +66,9 @@ def fix_sensor(late: int) -> Sensor:
     @kernel
     def sense(body, before, key, at, p):
         passed = (_pose(body), *before.passed[:-1])
-        own_key, stamp = sub_key(key, FIX), at - late
-        arrived = _arrives(p.fix, own_key, stamp, p.dt)
+        own_key, stamp, every = sub_key(key, FIX), at - late, max(math.floor(p.fix.period / p.dt + 0.5), 1)
+        event, _ = uniforms(own_key, stamp, EVENTS)
+        arrived = (stamp > 0) & (stamp == every * math.floor(stamp / every)) & (event >= p.fix.dropout_probability)
         fix = before._replace(arrived=arrived, passed=passed)
         if arrived:
             pose = _measure(passed[late], p.fix, own_key, stamp)

@@ -132,22 +132,6 @@ def _add_run(bodies: Any, count: int, run: Run, lengths: Any, sweep: Sweep, trai
 
 
 @kernel
-def _join_legs(bodies: Any, count: int) -> None:
-    """Make one body of two legs beside each other: the first becomes their middle, the other is taken."""
-    for a in range(count):
-        for b in range(a + 1, count):
-            one, other = bodies[a], bodies[b]
-            small = one[RADIUS] < LEG_RADIUS and other[RADIUS] < LEG_RADIUS and one[TAKEN] + other[TAKEN] == 0.0
-            dx, dy = other[X] - one[X], other[Y] - one[Y]
-            apart = sqrt(dx * dx + dy * dy)
-            if small and apart < STRIDE and abs(other[AT] - one[AT]) < 0.1:
-                one[X], one[Y], one[AT] = one[X] + 0.5 * dx, one[Y] + 0.5 * dy, 0.5 * (one[AT] + other[AT])
-                one[VARIANCE] = 0.25 * (one[VARIANCE] + other[VARIANCE]) + LEGS * LEGS
-                one[RADIUS], one[WHOLE] = 0.5 * apart + one[RADIUS], min(one[WHOLE], other[WHOLE])
-                one[MOVED], other[TAKEN] = max(one[MOVED], other[MOVED]), 1.0
-
-
-@kernel
 def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, bodies: Any) -> int:
     """Write the bodies that a scan shows, and return their number.
 
@@ -195,9 +179,19 @@ def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, 
 
 @kernel
 def mark_moved(bodies: Any, count: int, past: Any, returns: Any, sweep: Sweep, trail: Any, turned: float) -> None:
-    """Mark the bodies at places that were free before, and make one body of two legs."""
+    """Mark the bodies at places that were free before, and make one body of two legs: the first; the other is taken."""
     for k in range(count):
         body = bodies[k]
         x, y = body[X] - DEPTH * body[RADIUS] * body[UX], body[Y] - DEPTH * body[RADIUS] * body[UY]  # what was measured
         body[MOVED] = 1.0 if was_free(past, returns, x, y, body[AT], sweep, trail, turned) else 0.0
-    _join_legs(bodies, count)
+    for a in range(count):
+        for b in range(a + 1, count):
+            one, other = bodies[a], bodies[b]
+            small = one[RADIUS] < LEG_RADIUS and other[RADIUS] < LEG_RADIUS and one[TAKEN] + other[TAKEN] == 0.0
+            dx, dy = other[X] - one[X], other[Y] - one[Y]
+            apart = sqrt(dx * dx + dy * dy)
+            if small and apart < STRIDE and abs(other[AT] - one[AT]) < 0.1:
+                one[X], one[Y], one[AT] = one[X] + 0.5 * dx, one[Y] + 0.5 * dy, 0.5 * (one[AT] + other[AT])
+                one[VARIANCE] = 0.25 * (one[VARIANCE] + other[VARIANCE]) + LEGS * LEGS
+                one[RADIUS], one[WHOLE] = 0.5 * apart + one[RADIUS], min(one[WHOLE], other[WHOLE])
+                one[MOVED], other[TAKEN] = max(one[MOVED], other[MOVED]), 1.0

@@ -20,8 +20,23 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.points import remember, rest
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS, TRACKS
-from turtlebot_gym.tracking import bodies as shapes
-from turtlebot_gym.tracking.bodies import AT, COLUMNS, DEPTH, MOST_BODIES, MOVED, RADIUS, TAKEN, UX, UY, VARIANCE, WHOLE, X, Y
+from turtlebot_gym.tracking.bodies import (
+    AT,
+    COLUMNS,
+    DEPTH,
+    MOST_BODIES,
+    MOVED,
+    RADIUS,
+    TAKEN,
+    UX,
+    UY,
+    VARIANCE,
+    WHOLE,
+    X,
+    Y,
+    find_bodies,
+    mark_moved,
+)
 from turtlebot_gym.tracking.sweep import BINS, EVERY, HEAD, NUMBER, PAST, Sweep, keep_scan
 from turtlebot_gym.values import Command, Pose
 
@@ -77,7 +92,6 @@ class TrackerMemory(NamedTuple):
 
 def make_memory(number: int, *, beams: int, poses: int) -> TrackerMemory:
     """Return empty memories of some robots, for so many beams of a scan, and poses of the odometry, see `poses_for`."""
-
     shapes = (poses, 4), (PAST, HEAD + 4 * poses + beams), (beams // TAIL,), (BINS,), (MOST_BODIES, COLUMNS), (CAPACITY, FIELDS)
     seen = np.zeros((number, NEAREST * len(TRACK_BOUNDS[0])), np.float32)
     return TrackerMemory(*(np.zeros((number, *shape)) for shape in (*shapes, (3,))), seen=seen)
@@ -221,8 +235,8 @@ def on_scan(memory: TrackerMemory, ranges: Any, sweep: Sweep) -> None:
     The odometry must reach from its first beam to the last.
     """
     past, returns, bodies, trail, clock = memory.past, memory.returns, memory.bodies, memory.trail, memory.clock
-    count = shapes.find_bodies(ranges, memory.tail, returns, sweep, trail, bodies)
-    shapes.mark_moved(bodies, count, past, returns, sweep, trail, clock[_TURNED])
+    count = find_bodies(ranges, memory.tail, returns, sweep, trail, bodies)
+    mark_moved(bodies, count, past, returns, sweep, trail, clock[_TURNED])
     follow(memory.tracks, bodies, count, sweep.last)
     if sweep.last - clock[_KEPT] >= EVERY - 1e-6:
         keep_scan(past[int(clock[_SLOT])], ranges, sweep, trail, clock[_TURNED])

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.compiled.program import in_machine_code
-from turtlebot_gym.estimation.ekf import initialize, predict
+from turtlebot_gym.estimation.ekf import predict, start
 from turtlebot_gym.estimation.update import wrapped
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import FilterTuning, Noise
-from turtlebot_gym.values import Belief, Command, Odometry, Pose
+from turtlebot_gym.values import Belief, Command, Odometry, Pose, Senses
 from turtlebot_gym_lab.calibration.spikes import Spikes, track
 
 
@@ -47,13 +47,13 @@ def _shifted(poses: Any, row: int, bias: Any) -> Pose:
 @kernel
 def _begin(z: Pose, twist: Command, tuning: Any, dt: float, integrator: float) -> Belief:
     """Return the belief after the first pose, which is taken for one without a spike; nothing moves yet."""
-    return predict(wrapped(initialize(z, tuning).belief), twist, tuning, dt, integrator)
+    return predict(wrapped(start(Senses(Odometry(z, twist, True)), tuning).belief), twist, tuning, dt, integrator)
 
 
 @in_machine_code("likelihood of drives")
 def _of_innovations(time, twist, poses, due, joined, tuning, bias, integrator):
     rows, total, running = len(time), 0.0, False
-    belief = wrapped(initialize(Pose(0.0, 0.0, 0.0), tuning).belief)
+    belief = _begin(Pose(0.0, 0.0, 0.0), Command(0.0, 0.0), tuning, 1.0, integrator)
     for row in range(rows):
         is_last = row == rows - 1
         after = 0 if is_last else row + 1
