@@ -22,28 +22,13 @@ from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.observations.columns import History, observing, row_of
 from turtlebot_gym.rewards import rewarding
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.systems.assembly import SystemMaker, made_of, system_of
+from turtlebot_gym.systems.assembly import system_of
 from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.sensors import sensing
-from turtlebot_gym.systems.system import RoomParts, System, course_after
+from turtlebot_gym.systems.system import System, course_after
 from turtlebot_gym.systems.world import Judgement, Outcome, Snapshot, outcome_of
 from turtlebot_gym.tasks import StartAndGoal, distance_to, draw_goal
 from turtlebot_gym.values import Command, Pose
-
-
-@kernel
-def _goal_stays(world: Snapshot, judgement: Judgement, key: int, p: Any, scene: Any) -> tuple[Snapshot, Judgement]:
-    return world, judgement
-
-
-NOWHERE = RoomParts(
-    make=lambda parameters: (),
-    at=kernel(lambda scenes, index: ()),
-    first_look=kernel(lambda world, key, p, scene: ()),
-    look=kernel(lambda world, key, p, scene: ()),
-    complete=kernel(lambda world, judgement, p: judgement),
-)
-"""What stands for surroundings on open ground."""
 
 
 class Step(NamedTuple):
@@ -66,8 +51,7 @@ def step_of(system: System) -> Step:
     """Return the kernels of a system's step."""
     first_sense, sense = sensing(system.sensors)
     reward_of, no_shares = rewarding(system.rewards)
-    around = system.surroundings or NOWHERE
-    renew = around.renew or _goal_stays
+    around = system.surroundings
 
     @kernel
     def begin(pose, key, waypoints, p, scene):
@@ -108,7 +92,7 @@ def step_of(system: System) -> Step:
         distance = distance_to(world.body.true_state, course.reference)
         reward, _, is_success, terminated, truncated, reached, shares = outcome
         judgement = Judgement(distance, is_success, terminated, truncated, reached)
-        after, judgement = renew(world._replace(course=course), judgement, key, p, scene)
+        after, judgement = around.renew(world._replace(course=course), judgement, key, p, scene)
         return after, outcome_of(reward, judgement, shares)
 
     return Step(begin, start_outcome, act, conclude, retarget)
@@ -160,7 +144,7 @@ class Episode:
         parameters: Parameters of a step.
         waypoints: The poses to visit; unused if the task draws its goal.
         seed: Seed of the noise and of the task's draws.
-        system: The kernels of a step, or what makes them for parameters.
+        system: The kernels of a step; None for those of the parameters.
         plan: The floor plan of a given room.
     """
 
@@ -170,17 +154,16 @@ class Episode:
         waypoints: Sequence[Pose] = (),
         *,
         seed: int = 0,
-        system: System | SystemMaker = system_of,
+        system: System | None = None,
         plan: FloorPlan | None = None,
     ) -> None:
         self.parameters, self.seed, self.number = parameters, seed, -1
-        self.system = made_of(system, parameters)
+        self.system = system or system_of(parameters)
         self._given = tuple(waypoints)
         around = self.system.surroundings
-        scenes: Any = around.make([parameters]) if around else ()
-        self.scene: Any = around.at(plan.share(scenes) if plan else scenes, 0) if around else ()
-        if plan:
-            self.scene = plan.put(self.scene)
+        scenes = around.make([parameters])
+        scene = around.at(plan.share(scenes) if plan else scenes, 0)
+        self.scene: Any = plan.put(scene) if plan else scene
         self._history = History(self.system.terms, 1)
         self.reset()
 

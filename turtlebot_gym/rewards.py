@@ -96,13 +96,7 @@ ON_MISSIONS = *IN_ROOMS, RewardTerm("goal", _goal, 10.0)
 @cache
 def shares_of(names: tuple[str, ...]) -> Any:
     """Return the type of a number for each term: of their weights, and of what each adds to the reward of a step."""
-    kind: Any = namedtuple("Shares", names)  # noqa: PYI024  # a type for each set of names, so it is pickled by them
-    kind.__reduce__ = lambda shares: (_shares, (names, tuple(shares)))
-    return kind
-
-
-def _shares(names: tuple[str, ...], values: tuple[float, ...]) -> Any:
-    return shares_of(names)(*values)
+    return namedtuple("Shares", names)  # noqa: PYI024  # a type for each set of names
 
 
 def default_weights(terms: Sequence[RewardTerm]) -> Any:

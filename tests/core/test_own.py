@@ -1,7 +1,6 @@
 """Filters, terms and systems of one's own, by object or "module:name": in every environment, and refused with their place."""
 
 import math
-import pickle
 
 import gymnasium as gym
 import numpy as np
@@ -40,11 +39,10 @@ def test_a_class_keeps_all_of_its_covariance():
     np.testing.assert_allclose(*(episode.world.estimate.belief.mean for episode in episodes), atol=1e-9)
 
 
-def test_environments_take_a_system_by_name_and_pickle_with_it():
+def test_environments_take_a_system_by_name():
     env = gym.make(NAV, system="own_parts:sledge", noise="clean")
     env.reset(seed=1)
-    env = pickle.loads(pickle.dumps(env))
-    start = env.unwrapped._batch.world(0).body.true_state
+    start = env.unwrapped.snapshot().body.true_state
     *_, info = env.step(np.array([0.0, 1.0], np.float32))
     assert info["true_state"][:2] == pytest.approx((start.x, start.y + 0.1 * 2.635))
 

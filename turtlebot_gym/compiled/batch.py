@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.compiled.loop import Loops
-from turtlebot_gym.compiled.packing import TILE, Packing, access, aligned, as_tuple, flatten, layout_of, packing
+from turtlebot_gym.compiled.packing import TILE, Packing, access, aligned, as_tuple, flatten, layout_of
 from turtlebot_gym.compiled.program import address_of
 from turtlebot_gym.compiled.runner import Runner
 from turtlebot_gym.compiled.values import Untraceable
@@ -18,7 +18,7 @@ from turtlebot_gym.heart import begin_at
 from turtlebot_gym.observations.columns import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import arrays_of
-from turtlebot_gym.systems import Parameters, RoomParts, Snapshot, System, made_of, system_of
+from turtlebot_gym.systems import Parameters, Snapshot, System, system_of
 from turtlebot_gym.tasks import StartAndGoal
 from turtlebot_gym.values import Pose
 
@@ -33,7 +33,7 @@ class Batch:
         num_envs: Number of environments.
         parameters: One for all environments, or one for each.
         waypoints: The poses to visit, the same for all; a goal that the task draws replaces the first.
-        system: The kernels of a step, or what makes them for parameters.
+        system: The kernels of a step; None for those of the parameters.
         plan: The floor plan of a given room, the same for all.
         shares: Whether outcomes have a row for the share of each term of the reward, too.
     """
@@ -44,48 +44,27 @@ class Batch:
         parameters: Parameters | Sequence[Parameters],
         waypoints: Sequence[Pose],
         *,
-        system: System | Callable[[Parameters], System] = system_of,
+        system: System | None = None,
         plan: FloorPlan | None = None,
         shares: bool = False,
     ) -> None:
         self.num_envs, self.parameters, self._n_tiles = num_envs, parameters, -(-num_envs // TILE)
-        self._made_by, self._plan, self._shares = system, plan, shares
-        self._find_system()
+        self.system = system = system or system_of(self.parameters_of(0))
+        self.layout, self._plan = layout_of(system), plan
+        self._runner = Runner(system, num_envs, shares)
+        self._shapes = size_of(system.terms), self.layout.outcome.size - (0 if shares else len(system.rewards))
         self.seeds = np.zeros(num_envs, np.int64)
         self.episodes = np.zeros(num_envs, np.int64)
         self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
         self._keys = np.zeros((self._n_tiles, TILE), np.int64)
         self.scenes: Any = ()
-        history = History(self.system.terms, num_envs)
+        history = History(system.terms, num_envs)
         self._history = history if history else None  # a test for None takes a tenth of a microsecond less
         self._world: Packing | None = None
         self._selected: list[NDArray[np.intp]] = []
         self._begun = False
         self._flagged = 0
         self.set_parameters(parameters)
-
-    def _find_system(self) -> None:
-        self.system = made_of(self._made_by, self.parameters_of(0))
-        self.layout, self._around = layout_of(self.system), self.system.surroundings
-        self._runner = Runner(self.system, self.num_envs, self._shares)
-        rows = self.layout.outcome.size - (0 if self._shares else len(self.system.rewards))
-        self._shapes = size_of(self.system.terms), rows
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state without local functions and addresses."""
-        kernels = {"system", "layout", "_around", "_first", "_access"}
-        kept = {name: value for name, value in self.__dict__.items() if name not in kernels}
-        return kept | {"_world": None if self._world is None else self._world.places, "_runner": self._runner.case}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._find_system()
-        self._runner.case = state["_runner"]
-        self._world = packing(self.layout.world.example, state["_world"])
-        tiles = aligned(self._tiles.size).reshape(self._tiles.shape)  # a copy need not begin a cache line
-        tiles[:] = self._tiles
-        self._tiles, self._first = tiles, tiles[0]
-        self.set_parameters(self.parameters)
 
     def parameters_of(self, row: int) -> Parameters:
         """Return the parameters of one environment."""
@@ -107,8 +86,7 @@ class Batch:
         if not same and len(rows) != self.num_envs:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
         self.parameters = parameters
-        if self._around:
-            self._make_room_for(self._around, rows * self.num_envs if same else rows)
+        self._make_room_for(rows * self.num_envs if same else rows)
         numbers = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
         varying = self._runner.find(numbers, self.waypoints.shape[1], self._begun)
         self._lay_out(self._runner.loops)
@@ -148,8 +126,9 @@ class Batch:
         self._plan, self.scenes = plan, None
         self.set_parameters(parameters)
 
-    def _make_room_for(self, around: RoomParts, parameters: Sequence[Parameters]) -> None:
+    def _make_room_for(self, parameters: Sequence[Parameters]) -> None:
         """Allocate scenes for parameters, unless the existing ones have the same sizes."""
+        around = self.system.surroundings
         scenes = around.make(parameters)
         if self._plan:
             scenes = self._plan.share(scenes)

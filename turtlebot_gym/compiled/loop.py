@@ -16,7 +16,7 @@ from turtlebot_gym.compiled.packing import TILE, Packing, access, layout_of, pac
 from turtlebot_gym.compiled.plain import plain_loops
 from turtlebot_gym.compiled.program import compiled
 from turtlebot_gym.compiled.proof import Case, own_of, reduced
-from turtlebot_gym.heart import NOWHERE, step_of
+from turtlebot_gym.heart import step_of
 from turtlebot_gym.kernel import HAS_LLVM, compiled_scratch, kernel, lanes, prefer_wide
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
@@ -148,7 +148,7 @@ def _open_tile_of(system: System, case: Case, shares: bool) -> Callable[..., int
 
 def _room_tile_of(system: System, shares: bool) -> Callable[..., int]:
     """Return the kernel that advances a tile in surroundings: in vectors up to looking, and then one by one."""
-    (_, _, act, conclude, retarget), around = step_of(system), system.surroundings or NOWHERE
+    (_, _, act, conclude, retarget), around = step_of(system), system.surroundings
     load_parameters, load_world, store_world, show, _, _, show_scene, tell, _ = parts_of(system, None, shares)
     scene_at, size = around.at, layout_of(system).world.size * TILE
 
@@ -184,8 +184,8 @@ def loops_of(system: System, case: Case | None = None, shares: bool = False) -> 
         case: What loops of open ground are made for; None for plain Python, and for rooms.
         shares: Whether outcomes have rows for the shares of the reward.
     """
-    layout, around = layout_of(system), system.surroundings or NOWHERE
-    if case is None and not (HAS_LLVM and system.compiled and system.surroundings):
+    layout, around = layout_of(system), system.surroundings
+    if case is None and not (HAS_LLVM and system.compiled and system.in_room):
         return Loops(layout.world, {}, *plain_loops(system))
     world, constants = reduced(system, case) if case else (layout.world, MappingProxyType({}))
     step_tile = _open_tile_of(system, case, shares) if case else _room_tile_of(system, shares)

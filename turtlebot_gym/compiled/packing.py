@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.compiled.values import Array, Number, tuple_like
 from turtlebot_gym.heart import step, step_of
 from turtlebot_gym.observations.columns import observing
+from turtlebot_gym.rewards import default_weights
 from turtlebot_gym.systems import System
 from turtlebot_gym.values import STOP, Pose
 
@@ -44,15 +45,9 @@ def _numbers_of(dataclass_type: type) -> tuple[str, ...]:
 
 @cache
 def _tuple_type(dataclass_type: type) -> type:
-    """Return a NamedTuple with a dataclass's fields, since compiled code does not support dataclasses.
-
-    It has a name in this module, by which a pickle finds it.
-    """
+    """Return a NamedTuple with a dataclass's fields, since compiled code does not support dataclasses."""
     name = f"{dataclass_type.__module__}.{dataclass_type.__qualname__}".replace(".", "_")
-    kind: Any = namedtuple(name, _numbers_of(dataclass_type))  # noqa: PYI024
-    kind.__module__ = __name__
-    globals()[name] = kind
-    return kind
+    return namedtuple(name, _numbers_of(dataclass_type))  # noqa: PYI024
 
 
 def as_tuple(value: Any) -> Any:
@@ -194,8 +189,9 @@ class Layout(NamedTuple):
 @cache
 def layout_of(system: System) -> Layout:
     """Return the layout of a system's values in a tile, from an example of each."""
-    p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
-    scene = around.at(around.make([system.example]), 0) if around else ()
+    example = system.example._replace(reward=default_weights(system.rewards))
+    p, waypoints, around = as_tuple(example), (Pose(0.0, 0.0, 0.0),), system.surroundings
+    scene = around.at(around.make([example]), 0)
     world = step_of(system).begin(system.lay_out(1, p, scene)[0], 1, waypoints, p, scene)
     world, outcome = step(system, world, STOP, 1, waypoints, p, scene)
     for term in system.terms:

@@ -27,7 +27,7 @@ def plain_loops(system: System) -> tuple[Callable[..., int], Callable[..., None]
         """Return an environment's tile, its place there, parameters and scene."""
         at, lane = divmod(row, TILE)
         origin = at * width if len(parameters) > width else 0
-        return tiles[at], lane, load_parameters(parameters, origin + lane), around.at(scenes, row) if around else ()
+        return tiles[at], lane, load_parameters(parameters, origin + lane), around.at(scenes, row)
 
     def write(row, world, outcome, p, scene, observations, outcomes):
         observations[row] = heart.observe(system, world, p, scene)

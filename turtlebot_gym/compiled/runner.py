@@ -47,7 +47,7 @@ class Runner:
         self._system, self._num_envs, self._shares = system, num_envs, shares
         self._n_tiles = -(-num_envs // TILE)
         self._is_compiled = system.compiled and HAS_LLVM
-        self._is_parallel = num_envs >= (ROOMS_PARALLEL_FROM if system.surroundings else PARALLEL_FROM)
+        self._is_parallel = num_envs >= (ROOMS_PARALLEL_FROM if system.in_room else PARALLEL_FROM)
         self.case: Case | None = None
 
     def find(self, numbers: NDArray[np.float64], waypoints: int, begun: bool) -> Sequence[int]:
@@ -58,7 +58,7 @@ class Runner:
             waypoints: Number of waypoints.
             begun: Whether an episode has begun.
         """
-        if self._system.surroundings is None and self._is_compiled:
+        if self._is_compiled and not self._system.in_room:
             small, old = self._num_envs < FOLDED_FROM, self.case if begun else None
             try:
                 self.case = case_of(self._system, numbers, waypoints, small=small, old=old)

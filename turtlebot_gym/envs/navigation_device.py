@@ -88,9 +88,9 @@ class NavigationDeviceEnv(SeededVectorEnv):
         choose("info", info, dict.fromkeys(("default", "rewards", "full")))
         choose("render_mode", render_mode, dict.fromkeys((None, "rgb_array")))
         setup = with_limit(Options.of(options), max_episode_steps)
-        system = setup.system(setup.parameters)
+        system = setup.system
         asked = {
-            "rooms": system.surroundings is not None,
+            "rooms": system.in_room,
             "a filter in plain Python": not system.compiled,
             "an observation of past values": any(term.length > 1 for term in system.terms),
             f"info={info!r}": info != "default",

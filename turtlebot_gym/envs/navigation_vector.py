@@ -105,7 +105,7 @@ class NavigationVectorEnv(SeededVectorEnv):
         self._set_spaces(self._batch.system)
         self.reward_terms = tuple(term.name for term in self._batch.system.rewards)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
-        self._in_room = bool(self._batch.system.surroundings)
+        self._in_room = self._batch.system.in_room
         parts = (common.ROOM_PARTS if self._in_room else {}) | (common.PARTS | _NUMBERS if info == "full" else {})
         self._told = _InfoReader(self._batch, parts)
         self._tells_little = not parts and not self._tells_shares

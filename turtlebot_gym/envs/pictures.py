@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import gymnasium as gym
 import numpy as np
@@ -28,9 +28,6 @@ class Pictures:
     def __init__(self, batch: Batch, mode: str | None, *, rows: int, fps: float) -> None:
         self._batch, self._mode, self._rows, self._fps = batch, mode, rows, fps
         self._renderers: list[Renderer] = []
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_renderers": []}  # a window cannot be pickled
 
     def begin(self, mask: NDArray[np.bool_]) -> None:
         """Clear the trails where the mask, shape (N,), is true, because an episode begins there."""

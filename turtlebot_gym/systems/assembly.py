@@ -1,9 +1,8 @@
-"""The system of some parameters, and what makes one with kernels and terms of one's own."""
+"""The system of some parameters, and one with kernels and terms of one's own."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 from turtlebot_gym.config import refusal
@@ -21,9 +20,6 @@ from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.rooms import rooms
 from turtlebot_gym.systems.scans import localizing, tracking
 from turtlebot_gym.systems.system import System
-
-SystemMaker = Callable[[Parameters], System]
-"""A function of parameters that returns their system, as `system_of` is."""
 
 
 def system_of(parameters: Parameters) -> System:
@@ -47,39 +43,30 @@ def system_of(parameters: Parameters) -> System:
     return system
 
 
-@dataclass(frozen=True)
-class Assembly:
-    """What makes a system as options say; a pickle holds it in place of kernels, which it cannot hold."""
+def assemble(
+    parameters: Parameters, own: Any = None, rewards: Sequence[RewardTerm] = (), observation: Sequence[str] = ()
+) -> System:
+    """Return a system with terms of one's own.
 
-    own: System | str | SystemMaker | None = None
-    """System of one's own, a function of the parameters that returns it, or "module:name" of either; None for theirs."""
-    rewards: tuple[RewardTerm, ...] = ()
-    """Terms of the reward beside the system's."""
-    observation: tuple[str, ...] = ()
-    """Names of the terms of the observation, see `turtlebot_gym.observations.reading.read_terms`; empty for the system's."""
+    Args:
+        parameters: The parameters.
+        own: A system, a function of the parameters that returns one, or "module:name" of either; None for `system_of`.
+        rewards: Terms of the reward beside the system's.
+        observation: Names of the terms of the observation, see `turtlebot_gym.observations.reading.read_terms`; empty for the
+            system's.
 
-    def __call__(self, parameters: Parameters) -> System:
-        """Return the system.
-
-        Raises:
-            ValueError: If there is none, making it fails, or a term needs what it does not have.
-        """
-        own: Any = load_object(self.own) if isinstance(self.own, str) else self.own
-        system = made_of(system_of if own is None else own, parameters).with_rewards(*self.rewards)
-        if self.observation:
-            system = system.with_observation(*read_terms(self.observation, system.terms))
-        if not any(term.name == TRACKS.name for term in system.terms):
-            return system
-        if not parameters.noise.odometry.wheel:
-            raise ValueError("observation 'tracks' needs wheel odometry: choose such a noise, such as noise='wheel'.")
-        return tracking(system)
-
-
-def made_of(system: System | SystemMaker, parameters: Parameters) -> System:
-    """Return a system that is given, or made by a function of the parameters; a ``ValueError`` refuses what is none."""
-    made: Any = system(parameters) if callable(system) else system
-    if not isinstance(made, System):
-        raise refusal("system", "a System, a function of the parameters that returns one, or 'module:name' of either", made)
-    if made.reads_scan and not made.surroundings:
-        raise ValueError("System.reads_scan must be false without surroundings: there is no scan.")
-    return made
+    Raises:
+        ValueError: If there is no such system, or a term needs what it does not have.
+    """
+    own = system_of if own is None else load_object(own) if isinstance(own, str) else own
+    system: Any = own(parameters) if callable(own) else own
+    if not isinstance(system, System):
+        raise refusal("system", "a System, a function of the parameters that returns one, or 'module:name' of either", system)
+    system = system.with_rewards(*rewards)
+    if observation:
+        system = system.with_observation(*read_terms(observation, system.terms))
+    if not any(term.name == TRACKS.name for term in system.terms):
+        return system
+    if not parameters.noise.odometry.wheel:
+        raise ValueError("observation 'tracks' needs wheel odometry: choose such a noise, such as noise='wheel'.")
+    return tracking(system)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.rewards import ON_MISSIONS, default_weights
+from turtlebot_gym.rewards import ON_MISSIONS
 from turtlebot_gym.rooms.drawing import draw_next
 from turtlebot_gym.rooms.geodesic import spread, way_left
 from turtlebot_gym.systems.system import System
@@ -28,8 +28,7 @@ def _renew(world, judgement, key, p, scene):
 @cache
 def on_missions(system: System) -> System:
     """Return a system of rooms whose episodes have `Task.laps` goals in turn."""
-    around, judge_one = system.surroundings, system.judge
-    assert around is not None
+    judge_one = system.judge
 
     @kernel
     def judge(world, body, senses, estimate, waypoints, p):
@@ -42,6 +41,5 @@ def on_missions(system: System) -> System:
     return system._replace(
         judge=judge,
         rewards=ON_MISSIONS,
-        surroundings=around._replace(renew=_renew),
-        example=system.example._replace(reward=default_weights(ON_MISSIONS)),
+        surroundings=system.surroundings._replace(renew=_renew),
     )

@@ -15,7 +15,7 @@ from turtlebot_gym.models.random import PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, limit, slips
 from turtlebot_gym.observations import OPEN_GROUND, Observed, observed_state
 from turtlebot_gym.presets import TUTORIAL, matched
-from turtlebot_gym.rewards import ON_GROUND, default_weights
+from turtlebot_gym.rewards import ON_GROUND
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.sensors import ODOMETRY
@@ -82,9 +82,8 @@ def _judge(world, body, senses, estimate, waypoints, p):
     return visited, Judgement(distance_to(truth, reference), success, terminated, truncated, done_with)
 
 
-_WEIGHTS = default_weights(ON_GROUND)
 _EXAMPLE = Parameters(
-    ROBOTS["burger"], TUTORIAL, matched(TUTORIAL), TASKS["nav"], _WEIGHTS, 0.1, INTEGRATORS["euler"], Observed.EKF, 0.0
+    ROBOTS["burger"], TUTORIAL, matched(TUTORIAL), TASKS["nav"], (), 0.1, INTEGRATORS["euler"], Observed.EKF, 0.0
 )
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from turtlebot_gym.config import FINITE, as_int, choose, did_you_mean, given, refusal, split
+from turtlebot_gym.config import FINITE, LARGEST, as_int, choose, did_you_mean, given, refusal, short_repr, split
 from turtlebot_gym.estimation.fixes import late_by
 from turtlebot_gym.files import load_object
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
+from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.observations import OBSERVED, ObservationTerm
 from turtlebot_gym.observations.reading import read_items
@@ -21,12 +23,11 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
-from turtlebot_gym.systems.assembly import Assembly
-from turtlebot_gym.systems.course import course_of
+from turtlebot_gym.systems.assembly import assemble
 from turtlebot_gym.systems.imu import IMUS, ImuNoise
 from turtlebot_gym.systems.parameters import DT, MAX_DELAY, Parameters, make_room
 from turtlebot_gym.systems.system import LOCALIZER, System
-from turtlebot_gym.tasks import Task
+from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
 from turtlebot_gym.values import Pose
 
 MAX_DEPTH = 25
@@ -41,8 +42,8 @@ class Setup(NamedTuple):
     """The poses to visit; a goal that the task draws replaces the first."""
     plan: FloorPlan | None
     """Floor plan of a given room."""
-    system: Assembly
-    """What makes the system of parameters."""
+    system: System
+    """The kernels of a step."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,7 +144,29 @@ class Options:
         Raises:
             ValueError: If a name is unknown, or an option does not suit the task.
         """
-        return course_of(self)
+        name = ("room" if self.in_room else "nav") if self.task is None else split(self.task)[0]
+        task = given(Task, name if self.task is None else self.task, TASKS, "task")
+        if task.random and (self.waypoints is not None or self.switch == "time" or self.laps not in (None, 1)):
+            raise ValueError("waypoints, switch='time' and laps are for tasks with given waypoints: this one draws its goal.")
+        if self.in_room and (name in ("nav", "pose", "square") or not task.random):
+            raise ValueError(f"world and lidar are for turtlebot_gym/TurtleBotRooms-v0, got the task {short_repr(name)}.")
+        if self.goals is not None and not (self.in_room and task.laps > 1):
+            raise ValueError(f"goals are for turtlebot_gym/TurtleBotMissions-v0, got the task {short_repr(name)}.")
+        if self.start is not None and self.localizer is None:
+            raise ValueError(f"start is for robots that localize themselves and needs {LOCALIZER}.")
+        changes: dict[str, Any] = {}
+        for option, field, choices in (
+            ("arrival", "on_belief", {"truth": False, "belief": True}),
+            ("start", "start_known", {"known": True, "unknown": False}),
+            ("switch", "switch_period", {"arrival": math.inf, "time": SQUARE_PERIOD}),
+        ):
+            if (value := getattr(self, option)) is not None:
+                changes[field] = choose(option, value, choices)
+        for option in ("goals", "laps"):
+            if (value := getattr(self, option)) is not None:
+                changes["laps"] = as_int(option, value, 1)
+        poses = _poses(SQUARE_WAYPOINTS if self.waypoints is None else self.waypoints)
+        return replace(task, **changes), poses[:1] if task.random else poses
 
     @property
     def limits_steps(self) -> bool:
@@ -168,34 +191,29 @@ class Options:
             raise ValueError(f"observation 'located' needs {LOCALIZER}.")
         imu = () if self.imu is None else given(ImuNoise, self.imu, IMUS, "imu")
         room, plan = self._room(dt)
+        own, weights = self._reward()
         parameters = Parameters(
-            robot,
-            noise,
-            make_filter(self.filter, noise, imu=imu),
-            task,
-            (),
-            dt,
-            choose("integrator", self.integrator, INTEGRATORS),
-            OBSERVED[pose],
-            float(late),
+            robot=robot,
+            noise=noise,
+            tuning=make_filter(self.filter, noise, imu=imu),
+            task=task,
+            reward=(),
+            dt=dt,
+            integrator=choose("integrator", self.integrator, INTEGRATORS),
+            observed=OBSERVED[pose],
+            delay=float(late),
             room=room,
             fix=fix,
             imu=imu,
             localizer=self._localizer(noise, room),
         )
-        own, weights = self._reward()
-        assembly = Assembly(self.system, own, () if items == (pose,) else items)
-        return Setup(self._weighed(parameters, assembly(parameters).rewards, weights), waypoints, plan, assembly)
-
-    def _weighed(self, parameters: Parameters, terms: Sequence[RewardTerm], weights: Mapping[str, float]) -> Parameters:
-        """Return parameters with the weights of a reward's terms."""
-        names = [term.name for term in terms]
+        system = assemble(parameters, self.system, own, () if items == (pose,) else items)
         where = "" if self.system else " in a room" if self.in_room else " on open ground"
         for name in weights:
-            choose(f"reward{where} (a term, or MODULE:NAME of your own)", name, dict.fromkeys(names))
-        return parameters._replace(
-            reward=default_weights([term._replace(weight=weights.get(term.name, term.weight)) for term in terms])
-        )
+            known = {term.name: term for term in system.rewards}
+            choose(f"reward{where} (a term, or MODULE:NAME of your own)", name, known)
+        weighed = [term._replace(weight=weights.get(term.name, term.weight)) for term in system.rewards]
+        return Setup(parameters._replace(reward=default_weights(weighed)), waypoints, plan, system)
 
     def _reward(self) -> tuple[tuple[RewardTerm, ...], dict[str, float]]:
         """Return the reward's terms of one's own, and the weights that are given, by name."""
@@ -233,6 +251,16 @@ class Options:
         world = find_world("dense" if self.world is None else self.world)
         lidar = find_lidar("lds01" if self.lidar is None else self.lidar)
         return make_room(world, lidar, dt), world if isinstance(world, FloorPlan) else None
+
+
+def _poses(waypoints: Any) -> tuple[Pose, ...]:
+    try:
+        poses = tuple(Pose(*map(float, waypoint)) for waypoint in waypoints)
+    except (TypeError, ValueError):
+        poses = ()
+    if not poses or not all(abs(number) <= LARGEST for pose in poses for number in pose):
+        raise refusal("waypoints", f"one or more finite poses (x, y, theta), at most {LARGEST:g} m away", waypoints)
+    return tuple(Pose(pose.x, pose.y, wrap(pose.theta)) for pose in poses)
 
 
 def make_parameters(task: str | Task | None = None, **options: Any) -> Parameters:

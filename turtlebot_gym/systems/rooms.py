@@ -13,7 +13,7 @@ from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
 from turtlebot_gym.observations import ROOM
-from turtlebot_gym.rewards import IN_ROOMS, default_weights
+from turtlebot_gym.rewards import IN_ROOMS
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.lidar import LIDARS, age_of_scan, aim, beams_by
@@ -113,8 +113,6 @@ def rooms(filter: Filter) -> System:
         lay_out=_lay_out,
         terms=ROOM,
         rewards=IN_ROOMS,
-        example=plain.example._replace(
-            reward=default_weights(IN_ROOMS), room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])
-        ),
+        example=plain.example._replace(room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])),
         surroundings=RoomParts(_make, scene_at, _first_look, _look_round, _complete),
     )

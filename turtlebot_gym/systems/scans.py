@@ -93,7 +93,6 @@ def _estimate(estimate, before, senses, p, room, scene):
 def localizing(system: System) -> System:
     """Return a system of rooms whose belief is the localizer's."""
     around, lay_out_before = system.surroundings, system.lay_out
-    assert around is not None
     make_before, first_look_before = around.make, around.first_look
 
     def make(parameters: Sequence[Parameters]) -> Any:
@@ -139,7 +138,6 @@ def localizing(system: System) -> System:
 def tracking(system: System) -> System:
     """Return a system of rooms with a tracker, which the term `observations.TRACKS` reads."""
     around = system.surroundings
-    assert around is not None
     make_before, at_before, first_look_before, look_before = around.make, around.at, around.first_look, around.look
 
     def make(parameters: Sequence[Parameters]) -> TrackedScene:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.observations import EVIDENCE, SCAN_AGE, ObservationTerm
-from turtlebot_gym.rewards import RewardTerm, default_weights
+from turtlebot_gym.rewards import RewardTerm
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.world import Course
 from turtlebot_gym.values import Pose
@@ -41,9 +41,19 @@ class RoomParts(NamedTuple):
     """``look(world, key, p, scene)`` moves what moves in the scene, measures ranges, and returns the new `Snapshot.room`."""
     complete: Callable[..., Any]
     """``complete(world, judgement, p)`` returns the judgement of a step, completed by what `look` has found."""
-    renew: Callable[..., Any] | None = None
-    """``renew(world, judgement, key, p, scene)`` ends a step in which a goal was reached: it returns world and judgement with
-    the next goal; None if an episode has one goal."""
+    renew: Callable[..., Any] = kernel(lambda world, judgement, key, p, scene: (world, judgement))
+    """``renew(world, judgement, key, p, scene)`` ends a step in which a goal was reached: it returns world and judgement, in
+    missions with the next goal."""
+
+
+NOWHERE = RoomParts(
+    make=lambda parameters: (),
+    at=kernel(lambda scenes, index: ()),
+    first_look=kernel(lambda world, key, p, scene: ()),
+    look=kernel(lambda world, key, p, scene: ()),
+    complete=kernel(lambda world, judgement, p: judgement),
+)
+"""What stands for surroundings on open ground."""
 
 
 class System(NamedTuple):
@@ -71,13 +81,18 @@ class System(NamedTuple):
     terms: tuple[ObservationTerm, ...]
     """The terms of the observation."""
     example: Any
-    """Example parameters with the types that the kernels take."""
-    surroundings: RoomParts | None = None
-    """What a robot in a room has besides; None on open ground, where a scene is an empty tuple."""
+    """Example parameters with the types that the kernels take, but for the reward's weights."""
+    surroundings: RoomParts = NOWHERE
+    """What a robot in a room has besides; on open ground a scene is an empty tuple."""
     reads_scan: bool = False
     """Whether the filter reads the scan, and estimates after the robot has looked."""
     compiled: bool = True
     """Whether all parts are kernels; if one is not, such as a filter in plain Python, the loop runs as plain Python too."""
+
+    @property
+    def in_room(self) -> bool:
+        """Whether there is a room around the robot."""
+        return self.surroundings is not NOWHERE
 
     def with_sensor(self, sensor: Sensor) -> System:
         """Return the system with a further sensor, or another of its name."""
@@ -91,13 +106,11 @@ class System(NamedTuple):
         Raises:
             ValueError: If it has a term of that name.
         """
-        system = self
-        for term in terms:
-            if term.name in {other.name for other in system.rewards}:
-                raise ValueError(f"the reward has a term {term.name!r} already: give yours another name.")
-            rewards = (*system.rewards, term)
-            system = system._replace(rewards=rewards, example=system.example._replace(reward=default_weights(rewards)))
-        return system
+        names = [term.name for term in (*self.rewards, *terms)]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"the reward has a term {name!r} already: give yours another name.")
+        return self._replace(rewards=(*self.rewards, *terms))
 
     def with_observation(self, *terms: ObservationTerm) -> System:
         """Return the system with another observation, and the sensors that its terms read.
@@ -107,7 +120,7 @@ class System(NamedTuple):
         """
         system = self._replace(terms=terms)
         for term in terms:
-            lacks_scan = self.surroundings is None and (term.in_scene or term.name == SCAN_AGE.name)
+            lacks_scan = not self.in_room and (term.in_scene or term.name == SCAN_AGE.name)
             if lacks_scan or (term.name == EVIDENCE.name and not self.example.localizer):
                 raise ValueError(f"observation {term.name!r} needs {ROOM if lacks_scan else LOCALIZER}.")
             if term.sensor:

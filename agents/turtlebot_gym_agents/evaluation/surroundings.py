@@ -12,7 +12,6 @@ from turtlebot_gym.drive import RoomData
 from turtlebot_gym.rooms.grid import grid_in
 from turtlebot_gym.rooms.scan import obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
-from turtlebot_gym.systems import system_of
 from turtlebot_gym.systems.scans import TrackedScene
 from turtlebot_gym_agents.policies.fit import parameters_of
 
@@ -20,7 +19,7 @@ from turtlebot_gym_agents.policies.fit import parameters_of
 def _scenes_of(envs: VectorEnv) -> Any:
     """Return the surroundings of all robots; None on open ground."""
     env: Any = envs.unwrapped
-    return env.truth()[0] if system_of(env.parameters).surroundings else None
+    return env.truth()[0] if env.parameters.room else None
 
 
 def scene_of(envs: VectorEnv) -> Scene | None:

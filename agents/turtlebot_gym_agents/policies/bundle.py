@@ -27,7 +27,7 @@ from turtlebot_gym.files import replacing
 from turtlebot_gym.observations import OBSERVED, TERMS, ObservationTerm
 from turtlebot_gym.observations.columns import size_of
 from turtlebot_gym.observations.reading import read_items
-from turtlebot_gym.systems import Assembly
+from turtlebot_gym.systems import assemble
 from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym_agents.policies.fit import describe_robot, require_fit
 from turtlebot_gym_agents.provenance import plain
@@ -84,8 +84,8 @@ class Card:
         used = {item.name: options.get(item.name, item.default) for item in fields(Options)}
         names = {name: used[name] if isinstance(used[name], str) else "custom" for name in ("noise", "filter")}
         pose, items = read_items(used["observation"])
-        assembly = Assembly(used["system"], observation=() if items == (pose,) else items)
-        terms, robot = described(assembly(parameters).terms), describe_robot(used["robot"])
+        system = assemble(parameters, used["system"], observation=() if items == (pose,) else items)
+        terms, robot = described(system.terms), describe_robot(used["robot"])
         return cls(env=env, robot=robot, dt=parameters.dt, terms=terms, observation=pose, training=training, **names)
 
 
