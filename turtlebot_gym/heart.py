@@ -27,7 +27,7 @@ from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.sensors import sensing
 from turtlebot_gym.systems.system import System, course_after
 from turtlebot_gym.systems.world import Judgement, Outcome, Snapshot, outcome_of
-from turtlebot_gym.tasks import StartAndGoal, distance_to, draw_goal
+from turtlebot_gym.tasks import distance_to
 from turtlebot_gym.values import Command, Pose
 
 
@@ -96,15 +96,6 @@ def step_of(system: System) -> Step:
         return after, outcome_of(reward, judgement, shares)
 
     return Step(begin, start_outcome, act, conclude, retarget)
-
-
-def begin_at(system: System, poses: StartAndGoal, key: int, p: Parameters) -> tuple[Snapshot, Pose]:
-    """Return the world at the start of an episode on open ground from given poses, and the goal; what is not given is drawn."""
-    start, goal = system.lay_out(key, p, ())
-    if poses.start is not None:
-        start, goal = poses.start, draw_goal(key, poses.start, p.task)
-    goal = goal if poses.goal is None else poses.goal
-    return step_of(system).begin(start, key, (goal,), p, ()), goal
 
 
 def step(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Numbers, Range, check_fields, refusal
 from turtlebot_gym.kernel import algebra, kernel, sqrt
@@ -70,13 +70,6 @@ SQUARE_PERIOD = 15.0
 
 TASKS: dict[str, Task] = {"nav": NAV, "pose": POSE, "square": SQUARE, "room": ROOM, "mission": MISSION}
 """Tasks by name."""
-
-
-class StartAndGoal(NamedTuple):
-    """Start and goal of an episode, in place of those that a task draws; None for a drawn one."""
-
-    start: Pose | None = None
-    goal: Pose | None = None
 
 
 def given_pose(name: str, value: Any) -> Pose:

@@ -15,11 +15,6 @@ NAV, POSE, SQUARE = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Po
 STRAIGHT = np.array([1.0, 0.0], np.float32)
 
 
-@pytest.fixture(autouse=True)
-def headless(monkeypatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-
-
 @pytest.mark.parametrize(
     ("id", "options"),
     [(NAV, {"render_mode": "rgb_array"}), (POSE, {"observation": "truth", "dt": 0.02}), (SQUARE, {"noise": "wheel"})],

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pygame
 import pytest
 
 from turtlebot_gym import Episode, Robot, make_parameters
@@ -30,8 +29,8 @@ def world(truth, *, believed=FAR):
     )
 
 
-def make(*, windows=False, **options):
-    return Renderer(Batch(1, make_parameters()._replace(**{"task": NAV, **options}), ()), windows=windows, fps=1000)
+def make(**options):
+    return Renderer(Batch(1, make_parameters()._replace(**{"task": NAV, **options}), ()))
 
 
 def pixel(picture, x, y, *, half=2.5, ahead=0.0, heading=0.0):
@@ -51,7 +50,6 @@ def test_robot_is_drawn_where_it_is_into_an_array_of_the_callers_own(x, y):
     renderer.draw(world(Pose(-x, 1.0, 0.0)))
     np.testing.assert_array_equal(picture, kept)
     assert (picture.shape, picture.dtype) == ((HEADER + SIDE, SIDE, 3), np.uint8)
-    assert not pygame.display.get_init()
 
 
 def test_trails_grow_and_reset_forgets_them_and_a_robot_that_drives_away_stays_in_view():
@@ -65,14 +63,3 @@ def test_trails_grow_and_reset_forgets_them_and_a_robot_that_drives_away_stays_i
         assert pixel(picture, x / 2.0, -0.5, half=half) == VERMILLION or x < 1.1
     renderer.reset()
     np.testing.assert_array_equal(renderer.draw(world(Pose(0.0, 0.5, 0.0))), start)
-
-
-def test_a_window_shows_the_picture_and_closes(monkeypatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    renderer, now = make(windows=True), world(Pose(0.5, 0.5, 0.0))
-    assert renderer.draw(now) is None
-    shown = pygame.surfarray.array3d(pygame.display.get_surface()).transpose(1, 0, 2)
-    np.testing.assert_array_equal(shown, make().draw(now))
-    for _ in range(2):
-        renderer.close()
-        assert not pygame.display.get_init()

@@ -14,12 +14,12 @@ from turtlebot_gym.compiled.packing import TILE, Packing, access, aligned, as_tu
 from turtlebot_gym.compiled.program import address_of
 from turtlebot_gym.compiled.runner import Runner
 from turtlebot_gym.compiled.values import Untraceable
-from turtlebot_gym.heart import begin_at
+from turtlebot_gym.heart import step_of
 from turtlebot_gym.observations.columns import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import arrays_of
 from turtlebot_gym.systems import Parameters, Snapshot, System, system_of
-from turtlebot_gym.tasks import StartAndGoal
+from turtlebot_gym.tasks import draw_goal, start_pose
 from turtlebot_gym.values import Pose
 
 FEW = 16
@@ -144,7 +144,7 @@ class Batch:
         observations: NDArray[np.float32],
         outcomes: NDArray[np.float64],
         *,
-        given: Mapping[int, StartAndGoal] = MappingProxyType({}),
+        poses: Mapping[str, Pose] = MappingProxyType({}),
     ) -> None:
         """Start the episodes of ``seeds`` and ``episodes`` where the mask is true, and write their first observations.
 
@@ -152,24 +152,22 @@ class Batch:
             mask: Shape (N,).
             observations: Shape (N, K); rows outside the mask are left as they are.
             outcomes: Shape (m, N), see `step`; columns outside the mask are left as they are.
-            given: On open ground, start and goal of these rows of the mask, in place of those that their task draws.
+            poses: On open ground, ``start`` and ``goal`` of a batch of one, in place of those that its task draws.
         """
         self._begun = True
         self._visit(np.ascontiguousarray(mask), True, observations, outcomes)
-        if given:
-            for row, poses in given.items():
-                self._begin_at(row, poses)
-            at = np.zeros(self.num_envs, np.bool_)
-            at[list(given)] = True
-            self._visit(at, False, observations, outcomes)
+        if poses:
+            self._begin_at(poses)
+            self._visit(mask, False, observations, outcomes)
         if self._history is not None:
             self._history.begin(observations, mask)
 
-    def _begin_at(self, row: int, poses: StartAndGoal) -> None:
-        """Begin the episode of a row anew, from given poses: in plain Python, which has the bits of the compiled loops."""
-        at, lane = divmod(row, TILE)
-        world, self.waypoints[row, 0] = begin_at(self.system, poses, int(self._keys[at, lane]), self.parameters_of(row))
-        self._access.store(self._tiles[at], lane, world)
+    def _begin_at(self, poses: Mapping[str, Pose]) -> None:
+        """Begin the first episode anew, from given poses: in plain Python, which has the bits of the compiled loops."""
+        p, key = self.parameters_of(0), int(self._keys[0, 0])
+        start = poses.get("start") or start_pose(key, p.task)
+        self.waypoints[0, 0] = goal = poses.get("goal") or draw_goal(key, start, p.task)
+        self._access.store(self._first, 0, step_of(self.system).begin(start, key, (goal,), p, ()))
 
     def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return observations of the current state, and outcomes as after a reset, in the shapes of `step`."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -62,16 +61,12 @@ def make_batch(setup: Setup, num_envs: int, *, shares: bool) -> Batch:
     return Batch(num_envs, parameters, waypoints, system=system, plan=plan, shares=shares)
 
 
-def with_limit(options: Options, steps: float | None) -> Setup:
-    """Return what options stand for, with a limit of steps in place of the task's; refuse one that the task contradicts."""
-    setup = options.setup()
-    max_steps = setup.parameters.task.max_steps
-    if steps is None:
-        return setup
-    limited = options.limits_steps and max_steps < math.inf
-    if limited and POSITIVE_OR_INFINITE.check("max_episode_steps", steps) != max_steps:
-        raise refusal("max_episode_steps", f"that of the task, {max_steps:g}, unless Task.max_steps is infinite", steps)
-    return setup._replace(parameters=setup.parameters._replace(task=replace(setup.parameters.task, max_steps=steps)))
+def with_limit(options: Options, steps: float) -> Setup:
+    """Return what options stand for, with a limit of steps; that of a task of the caller's own counts, too."""
+    setup, steps = options.setup(), POSITIVE_OR_INFINITE.check("max_episode_steps", steps)
+    task = setup.parameters.task
+    task = replace(task, max_steps=min(steps, task.max_steps) if options.limits_steps else steps)
+    return setup._replace(parameters=setup.parameters._replace(task=task))
 
 
 def no_way(parameters: Parameters) -> str:

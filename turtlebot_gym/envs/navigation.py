@@ -20,7 +20,7 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.rooms.worlds import with_options
 from turtlebot_gym.systems import Options, Parameters, Snapshot, make_room
-from turtlebot_gym.tasks import StartAndGoal, given_pose
+from turtlebot_gym.tasks import given_pose
 
 _POSES = ("start", "goal")
 """Options of a reset that are poses."""
@@ -102,7 +102,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Arguments
 
     Args:
-        render_mode: None, "human" or "rgb_array".
+        render_mode: None or "rgb_array"; for "human" `gymnasium.make` opens a window of its own.
         **options: The fields of `turtlebot_gym.Options`: task, robot, noise, filter, observation, and so on. The registered ids
             set ``task``. Gymnasium's own limit of steps is ``gym.make(..., max_episode_steps=...)``.
 
@@ -115,16 +115,14 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     * v0: first version.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # as Gymnasium declares it
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # as Gymnasium declares it
 
     def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
-        chosen = Options.of(options)
-        # A limit of steps is TimeLimit's work alone, but for that of a task of the caller's own.
-        setup = common.with_limit(chosen, None if chosen.limits_steps else math.inf)
+        setup = common.with_limit(Options.of(options), math.inf)  # any other is TimeLimit's work
         self._batch = common.make_batch(setup, 1, shares=True)
         p = self.parameters
         self._own = self._world = (setup.plan or p.room.rules) if p.room else None
-        self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})
+        self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / p.dt))}
         self.action_space, self.observation_space = common.spaces_of(self._batch.system)
         self._numbers = {key: bool if key in common.FLAGS else float for key in common.ROOM_PARTS} if p.room else {}
@@ -134,7 +132,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
         self._everything = np.ones(1, np.bool_)
         self._started = self._seeded = False
-        self._pictures = Pictures(self._batch, render_mode, rows=1, fps=self.metadata["render_fps"])
+        self._pictures = Pictures(self._batch, render_mode, rows=1)
 
     @property
     def observation_terms(self) -> tuple[ObservationTerm, ...]:
@@ -168,7 +166,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         elif for_episode:
             if not self.parameters.task.random:
                 raise refusal(" and ".join(for_episode), "left out, or the waypoints of an environment of its own", for_episode)
-            given = {0: StartAndGoal(**{name: given_pose(name, pose) for name, pose in for_episode.items()})}
+            given = {name: given_pose(name, pose) for name, pose in for_episode.items()}
         super().reset(seed=seed)
         batch = self._batch
         if seed is None and self._seeded:
@@ -178,14 +176,12 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             batch.episodes[0] = 0
             self._seeded = True
         observations, outcomes = batch.empty()
-        batch.reset(self._everything, observations, outcomes, given=given)
+        batch.reset(self._everything, observations, outcomes, poses=given)
         info = self._info(float(outcomes[1, 0]), False, outcomes[common.FIRST_SHARE :, 0].copy())
         self._started = info.get("way_left") != UNKNOWN
         if not self._started:
             raise ValueError(common.no_way(self.parameters))
         self._pictures.begin(self._everything)
-        if self.render_mode == "human":
-            self._pictures.draw()
         return observations[0], info
 
     def _enter(self, world: RoomRules | FloorPlan) -> None:
@@ -195,7 +191,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             room = make_room(world, p.room.lidar, p.dt)
             self._batch.set_world(p._replace(room=room), world if isinstance(world, FloorPlan) else None)
             self._world = world
-            self.close()  # the pictures hold the arrays of the old world
+            self._pictures.forget()  # they hold the arrays of the old world
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Advance by one control interval.
@@ -215,8 +211,6 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise InvalidAction(f"Environment 0: an action must be finite, got {action!r}.")
         observations, outcomes = self._batch.step(self._batch.given)
         reward, distance, success, terminated, truncated, *_ = outcomes.ravel().tolist()
-        if self.render_mode == "human":
-            self._pictures.draw()
         info = self._info(distance, success != 0.0, outcomes[common.FIRST_SHARE :, 0])  # a view: what is held is not used again
         return observations[0], reward, terminated != 0.0, truncated != 0.0, info
 
@@ -237,13 +231,10 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture of the world, (height, width, 3), in mode "rgb_array"; the mode "human" draws by itself."""
+        """Return a picture of the world, (height, width, 3)."""
         pictures = self._pictures.render(self._started)
         return pictures[0] if pictures else None
 
     def snapshot(self) -> Snapshot:
         """Return the whole state, which holds more than ``info``: also what the sensors say."""
         return self._batch.world(0)
-
-    def close(self) -> None:
-        self._pictures.close()

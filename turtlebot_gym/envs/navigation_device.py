@@ -13,9 +13,9 @@ from gymnasium.vector import AutoresetMode
 from turtlebot_gym.compiled.gpu import FLAGS, NUMBERS, DeviceBatch, Results
 from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.config import choose, refusal, short_repr
-from turtlebot_gym.envs.common import read_options, with_limit
+from turtlebot_gym.envs.common import read_options
 from turtlebot_gym.envs.vector import SeededVectorEnv
-from turtlebot_gym.systems import Options, Parameters
+from turtlebot_gym.systems import Parameters
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -73,6 +73,8 @@ class NavigationDeviceEnv(SeededVectorEnv):
         ImportError: If torch is not installed.
     """
 
+    metadata: dict[str, Any] = SeededVectorEnv.metadata | {"render_modes": []}
+
     def __init__(
         self,
         num_envs: int = 1,
@@ -84,11 +86,9 @@ class NavigationDeviceEnv(SeededVectorEnv):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        super().__init__(num_envs, autoreset_mode)
+        super().__init__(num_envs, max_episode_steps, autoreset_mode, render_mode, options)
         choose("info", info, dict.fromkeys(("default", "rewards", "full")))
-        choose("render_mode", render_mode, dict.fromkeys((None, "rgb_array")))
-        setup = with_limit(Options.of(options), max_episode_steps)
-        system = setup.system
+        parameters, waypoints, _, system = self._setup
         asked = {
             "rooms": system.in_room,
             "a filter in plain Python": not system.compiled,
@@ -102,16 +102,13 @@ class NavigationDeviceEnv(SeededVectorEnv):
                 raise ValueError(f"device={device!r} cannot do {what}: leave device out, and the engine does.")
         name = find_device(device)
         try:
-            self._batch = DeviceBatch(self.num_envs, setup.parameters, setup.waypoints, system=system, device=name)
+            self._batch = DeviceBatch(self.num_envs, parameters, waypoints, system=system, device=name)
         except Untraceable as error:
             raise ValueError(f"device={device!r} cannot do this: {error}. Leave device out, and the engine does.") from error
         self.device = self._batch.device
         """The device, as torch names it."""
-        self.parameters = setup.parameters
+        self.parameters = parameters
         """Everything that the environments' transitions depend on."""
-        self.observation_terms = system.terms
-        """The terms of an observation, in turn."""
-        self._set_spaces(system)
         self._everywhere = self._tensor(np.ones(self.num_envs, np.bool_))
         self._done = ~self._everywhere
         self._steps = 0

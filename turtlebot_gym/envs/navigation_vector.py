@@ -17,10 +17,9 @@ from turtlebot_gym.config import as_int, choose, refusal
 from turtlebot_gym.envs import common
 from turtlebot_gym.envs.pictures import Pictures
 from turtlebot_gym.envs.vector import MOST, SeededVectorEnv
-from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.scene import Scene
-from turtlebot_gym.systems import Options, Outcome, Parameters, Snapshot
+from turtlebot_gym.systems import Outcome, Parameters, Snapshot
 
 _REWARD, _DISTANCE, _SUCCESS = map(Outcome._fields.index, ("reward", "distance", "is_success"))
 _NUMBERS = {"nis": "estimate.nis", "measured": "senses.odometry.measured", "slipping": "body.slipping"}
@@ -68,8 +67,8 @@ class NavigationVectorEnv(SeededVectorEnv):
 
     Args:
         num_envs: Number of environments.
-        max_episode_steps: Steps after which an episode is truncated; None for the task's own. A `turtlebot_gym.Task` with a
-            limit of its own must have the same.
+        max_episode_steps: Steps after which an episode is truncated; None for the task's own. A `turtlebot_gym.Task` may have a
+            lower limit.
         autoreset_mode: What happens after an episode's end, `gymnasium.vector.AutoresetMode` or its name: NEXT_STEP (the
             default; the next step ignores the action and returns the new episode's first observation with reward 0),
             SAME_STEP (the same step returns it), or DISABLED (stepping a finished environment is an error).
@@ -83,8 +82,6 @@ class NavigationVectorEnv(SeededVectorEnv):
         TypeError: If an argument is unknown.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}
-
     def __init__(
         self,
         num_envs: int = 1,
@@ -96,31 +93,21 @@ class NavigationVectorEnv(SeededVectorEnv):
         render_rows: int = 9,
         **options: Any,
     ) -> None:
-        super().__init__(num_envs, autoreset_mode)
-        render_rows = as_int("render_rows", render_rows, 1, MOST)
+        super().__init__(num_envs, max_episode_steps, autoreset_mode, render_mode, options)
+        render_rows = min(as_int("render_rows", render_rows, 1, MOST), self.num_envs)
         self._tells_shares = choose("info", info, {"default": False, "rewards": True, "full": True})
-        self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
-        setup = common.with_limit(Options.of(options), max_episode_steps)
-        self._batch = common.make_batch(setup, self.num_envs, shares=self._tells_shares)
-        self._set_spaces(self._batch.system)
+        self._batch = common.make_batch(self._setup, self.num_envs, shares=self._tells_shares)
         self.reward_terms = tuple(term.name for term in self._batch.system.rewards)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
         self._in_room = self._batch.system.in_room
         parts = (common.ROOM_PARTS if self._in_room else {}) | (common.PARTS | _NUMBERS if info == "full" else {})
         self._told = _InfoReader(self._batch, parts)
         self._tells_little = not parts and not self._tells_shares
-        self.metadata["render_fps"] = max(1, round(1.0 / setup.parameters.dt))
-        rows = min(render_rows, self.num_envs)
-        self._pictures = Pictures(self._batch, render_mode, rows=rows, fps=self.metadata["render_fps"])
+        self._pictures = Pictures(self._batch, render_mode, rows=render_rows)
         self._done = np.zeros(self.num_envs, np.bool_)
         self._is_any_over = False
         self._everywhere = np.ones(self.num_envs, np.bool_)  # the mask of each key in each step, so nobody may write to it
         self._everywhere.flags.writeable = False
-
-    @property
-    def observation_terms(self) -> tuple[ObservationTerm, ...]:
-        """The terms of an observation, in turn."""
-        return self._batch.system.terms
 
     @property
     def parameters(self) -> Parameters | Sequence[Parameters]:
@@ -130,7 +117,7 @@ class NavigationVectorEnv(SeededVectorEnv):
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
         """Use other parameters from the next step on: one for all environments, or one for each."""
         self._batch.set_parameters(parameters)
-        self._pictures.close()  # they show the old robots and rooms
+        self._pictures.forget()  # they show the old robots and rooms
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -243,10 +230,6 @@ class NavigationVectorEnv(SeededVectorEnv):
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return a picture, (height, width, 3), of each of the first ``render_rows`` environments, after a reset."""
         return self._pictures.render(self._begun)
-
-    def close_extras(self, **kwargs: Any) -> None:
-        if hasattr(self, "_pictures"):  # older Gymnasiums close an environment whose options were refused
-            self._pictures.close()
 
     def snapshot(self, index: int) -> Snapshot:
         """Return the whole state of one environment, which holds more than its ``info``: also what the sensors say."""

@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-from gymnasium.error import DependencyNotInstalled
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -80,22 +79,10 @@ class Renderer:
     Args:
         batch: The environments, whose rooms and tracks are looked at in each picture.
         row: Number of the environment.
-        windows: Whether a window, which opens with the first picture, shows it; otherwise no display is needed.
-        fps: Pictures per second in the window.
-
-    Raises:
-        DependencyNotInstalled: If a window is asked for and pygame is missing.
     """
 
-    def __init__(self, batch: Batch, row: int = 0, *, windows: bool = False, fps: float = 10.0) -> None:
-        self._window: Any = None
-        if windows:
-            try:
-                import pygame
-            except ImportError as error:
-                raise DependencyNotInstalled('pygame is not installed, run `pip install "pygame>=2.5"`') from error
-            self._pygame, self._clock = pygame, pygame.time.Clock()
-        self._windows, self._fps, self._p = windows, fps, batch.parameters_of(row)
+    def __init__(self, batch: Batch, row: int = 0) -> None:
+        self._p = batch.parameters_of(row)
         self._waypoints = [] if self._p.task.random else [Pose(*pose) for pose in batch.waypoints[row].tolist()]
         self._scene = scene_at(batch.scenes, row) if self._p.room else None
         self._tracks = batch.scenes.tracker.seen[row] if isinstance(batch.scenes, TrackedScene) else None
@@ -113,12 +100,8 @@ class Renderer:
         self._trails: list[tuple[Pose, State, State]] = []
         self._axes, self._paper = self._make_paper()
 
-    def draw(self, world: Snapshot) -> NDArray[np.uint8] | None:
-        """Draw a world and add it to the trails.
-
-        Returns:
-            The picture, shape (HEADER + SIDE, SIDE, 3); None if a window shows it.
-        """
+    def draw(self, world: Snapshot) -> NDArray[np.uint8]:
+        """Draw a world, add it to the trails, and return the picture, shape (HEADER + SIDE, SIDE, 3)."""
         truth, (mean, P) = world.body.true_state, world.estimate.belief
         self._trails.append((world.senses.odometry.pose, truth, mean))
         needed = np.abs(truth[:2] - self._centre).max() + self._p.robot.radius
@@ -143,23 +126,7 @@ class Renderer:
             self._axes.add_artist(artist)
             self._axes.draw_artist(artist)
             artist.remove()
-        picture = np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
-        if not self._windows:
-            return picture
-        if self._window is None:
-            self._pygame.display.init()
-            self._window = self._pygame.display.set_mode((SIDE, HEADER + SIDE))
-            self._pygame.display.set_caption("TurtleBot")
-        self._pygame.surfarray.blit_array(self._window, picture.swapaxes(0, 1))
-        self._pygame.event.pump()
-        self._pygame.display.flip()
-        self._clock.tick(self._fps)
-        return None
-
-    def close(self) -> None:
-        if self._window is not None:
-            self._pygame.display.quit()
-            self._window = None
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
     def _make_paper(self) -> tuple[Axes, Any]:
         """Return the axes, and the picture of what does not move: whole metres, waypoints, the room, the legend."""

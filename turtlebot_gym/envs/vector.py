@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from turtlebot_gym.config import as_int, choose
-from turtlebot_gym.envs.common import read_seeds, spaces_of
+from turtlebot_gym.envs.common import read_seeds, spaces_of, with_limit
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.systems import System
+from turtlebot_gym.systems import Options
 
 MOST = 2**24
 """Most environments in one."""
@@ -41,17 +41,28 @@ def make_vector(num_envs: int = 1, *, device: str = "cpu", **options: Any) -> Ve
 class SeededVectorEnv(VectorEnv[Any, Any, Any]):
     """What the vector environments of all devices share: their arguments, spaces and seeds."""
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
-    def __init__(self, num_envs: int, autoreset_mode: AutoresetMode | str) -> None:
+    def __init__(
+        self,
+        num_envs: int,
+        max_episode_steps: int | None,
+        autoreset_mode: AutoresetMode | str,
+        render_mode: str | None,
+        options: Mapping[str, Any],
+    ) -> None:
         self.num_envs = as_int("num_envs", num_envs, 1, MOST)
+        self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
         modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
         self.autoreset_mode = choose("autoreset_mode", autoreset_mode, modes)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self._begun = False
-
-    def _set_spaces(self, system: System) -> None:
-        self.single_action_space, self.single_observation_space = spaces_of(system)
+        chosen = Options.of(options)
+        self._setup = setup = chosen.setup() if max_episode_steps is None else with_limit(chosen, max_episode_steps)
+        self.observation_terms = setup.system.terms
+        """The terms of an observation, in turn."""
+        self.metadata["render_fps"] = max(1, round(1.0 / setup.parameters.dt))
+        self.single_action_space, self.single_observation_space = spaces_of(setup.system)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 

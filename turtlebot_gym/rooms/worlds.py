@@ -51,11 +51,8 @@ def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> Ro
         options: ``world``, as `find_world` takes it; ``start`` and ``goal``, see `turtlebot_gym.tasks.given_pose`.
 
     Raises:
-        ValueError: If an option is unknown, or a pose is malformed, outside of the room or inside a given obstacle.
+        ValueError: If a pose is malformed, outside of the room or inside a given obstacle.
     """
-    unknown = sorted(set(options) - {"world", "start", "goal"})
-    if unknown:
-        raise ValueError(f"options must be among 'world', 'start' and 'goal', got {', '.join(map(repr, unknown))}.")
     world = find_world(options["world"]) if "world" in options else world
     poses = {name: given_pose(name, options[name]) for name in ("start", "goal") if name in options}
     if not poses:
