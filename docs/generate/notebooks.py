@@ -6,23 +6,17 @@ from pathlib import Path
 import mkdocs_gen_files
 import nbformat
 
-PICTURES = ("image/png", "image/gif")
-"""Kinds of pictures that notebooks hold."""
 FENCE = "`" * 6
 """Longer than any fence in a notebook."""
 
 
 def shown(output, name):
-    """Return an output in Markdown; a picture is written beside the page."""
-    data = output.get("data", {})
-    for kind in PICTURES:
-        if kind in data:
-            picture = f"{name}.{kind.removeprefix('image/')}"
-            with mkdocs_gen_files.open(f"notebooks/{picture}", "wb") as file:
-                file.write(base64.b64decode(data[kind]))
-            return f"![Drawn by the code above]({picture})"
-    text = output["text"] if output["output_type"] == "stream" else data["text/plain"]
-    return f"{FENCE} {{ .text .output }}\n{text.rstrip()}\n{FENCE}"
+    """Return printed text or a picture in Markdown; the picture is written beside the page."""
+    if output["output_type"] == "stream":
+        return f"{FENCE} {{ .text .output }}\n{output['text'].rstrip()}\n{FENCE}"
+    with mkdocs_gen_files.open(f"notebooks/{name}.png", "wb") as file:
+        file.write(base64.b64decode(output["data"]["image/png"]))
+    return f"![Drawn by the code above]({name}.png)"
 
 
 for path in sorted(Path("notebooks").glob("*.ipynb")):
