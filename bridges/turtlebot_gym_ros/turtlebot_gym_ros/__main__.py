@@ -14,7 +14,7 @@ from typing import Any
 
 from cmd_vel_guard.discovery import prepare
 from cmd_vel_guard.session import INTERRUPTED
-from turtlebot_gym_ros.nodes import BLOCKS, EXPLAINED, NODES, TOOLS, entry_of, load
+from turtlebot_gym_ros.nodes import BLOCKS, EXPLAINED, NODES, TOOLS, load, target_of
 
 HELP = """usage: python -m turtlebot_gym_ros NODE [NODE ...] [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
 
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str] | None) -> int:
     name, *rest = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if name in ("-h", "--help"):
-        nodes, tools = ("\n".join(f"  {each:<20} {entry.summary}" for each, entry in of.items()) for of in (NODES, TOOLS))
+        nodes, tools = ("\n".join(f"  {each:<20} {help}" for each, (_, help) in of.items()) for of in (NODES, TOOLS))
         print(HELP.format(nodes=nodes, tools=tools))
         return 0
     if name == "--version":
@@ -58,7 +58,7 @@ def _run(argv: Sequence[str] | None) -> int:
         return 0
     names = [name, *takewhile(NODES.__contains__, rest if name in EXPLAINED else [])]
     try:
-        entry_of(name)
+        target_of(name)
         for at, each in enumerate(names if len(names) > 1 else []):
             if each not in BLOCKS:
                 raise ValueError(f"{each} runs in a process of its own: start it apart.")

@@ -8,7 +8,7 @@ zero. In lock-step, the reference is the step's own; otherwise it is the one in 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from itertools import pairwise
 from threading import Lock
 from typing import Any
@@ -55,11 +55,9 @@ class Recorder:
         stamped: bool = True,
         lock_step: bool = False,
         room: bool = False,
-        topics: Mapping[str, type] = TOPICS,
-        name: str = "bringup",
         namespace: str | None = None,
     ) -> None:
-        self.node = Node(name, context=context, namespace=namespace)
+        self.node = Node("bringup", context=context, namespace=namespace)
         self._space = f"{self.node.get_namespace().rstrip('/')}/"
         self._lock = Lock()
         self.latest: dict[str, Any] = {}
@@ -76,7 +74,7 @@ class Recorder:
         self._span = -1
         self._first = 0
         self._heard: list[Subscription] = []
-        for topic, kind in {**topics, **(ROOM_TOPICS if room else {})}.items():
+        for topic, kind in {**TOPICS, **(ROOM_TOPICS if room else {})}.items():
             way = conversion(kind, stamped=stamped)
             qos, group = (LOCK_STEP, FastGroup(self.node)) if lock_step else (SENSOR, None)
             hear = self._hear(topic, way.read)

@@ -67,6 +67,14 @@ def until(found: Callable[[], T | None], seconds: float, missing: Callable[[], s
     return value
 
 
+def listen(seconds: float) -> None:
+    """Let a tool's node hear for some seconds."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        go_on()
+        time.sleep(0.05)
+
+
 def remark_if_alone(node: Node) -> str:
     """Return a sentence that says where other nodes were looked for, if a tool's node hears none; else an empty text."""
     if any(name != node.get_name() for name in node.get_node_names()):

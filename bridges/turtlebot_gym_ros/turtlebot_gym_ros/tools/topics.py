@@ -1,18 +1,44 @@
-"""``topics``: what is on the graph's topics."""
+"""``topics`` and ``status``: what is on the graph's topics, and what its nodes say of themselves."""
 
 from __future__ import annotations
 
 import time
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 
-from cmd_vel_guard.qos import LATCHED, SENSOR
+from cmd_vel_guard.qos import LATCHED, SENSOR, STREAM
 from cmd_vel_guard.sources import node_name
 from turtlebot_gym_ros.base.names import absolute, message_type
 from turtlebot_gym_ros.base.process import go_on
-from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, until
+from turtlebot_gym_ros.tools.asking import answered, asking, listen, parser_of, remark_if_alone, until
+
+LEVELS = ("ok", "warning", "error", "stale")
+
+
+@answered
+def status(argv: Any = None) -> int:
+    """Print in a table what each node says on ``/diagnostics``; return 0 if some are heard, and all are without remarks."""
+    parser = parser_of("status", "Print which node waits for what; the exit code is 0 if all nodes run without remarks.")
+    parser.add_argument("--namespace", default="", help="namespace of the robot, such as robot1; by default all nodes")
+    options = parser.parse_args(argv)
+    space = f"{absolute(options.namespace).rstrip('/')}/"
+    said: dict[str, tuple[int, str]] = {}
+
+    def hear(message: DiagnosticArray) -> None:
+        told = {each.name: (each.level[0], each.message) for each in message.status}
+        said.update({name.removeprefix(space): report for name, report in told.items() if name.startswith(space)})
+
+    with asking() as node:
+        node.create_subscription(DiagnosticArray, "/diagnostics", hear, STREAM)
+        listen(options.wait)
+    first = max(map(len, ("node", *said)))
+    print(f"{'node':<{first}}  level    says")
+    for name, (level, text) in sorted(said.items()):
+        print(f"{name:<{first}}  {LEVELS[level]:<7}  {text}")
+    return 0 if said and not any(level for level, _ in said.values()) else 1
 
 
 @answered
@@ -28,10 +54,7 @@ def topics(argv: Any = None) -> int:
     with asking() as node:
         if options.echo or options.once:
             return _echo(node, absolute(options.topic, "topic"), options.wait, once=options.once)
-        end = time.monotonic() + options.wait
-        while time.monotonic() < end:
-            go_on()
-            time.sleep(0.05)
+        listen(options.wait)
         if remark := remark_if_alone(node):
             raise TimeoutError(f"there are no topics.{remark}")
         for name, types in sorted(node.get_topic_names_and_types()):
