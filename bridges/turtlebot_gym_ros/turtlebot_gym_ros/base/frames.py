@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cmd_vel_guard.values import Mount
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Common:
@@ -30,19 +28,10 @@ class Common:
             raise ValueError("lock_step needs enable_stamped_cmd_vel: an unstamped Twist cannot be tied to a step.")
 
     @property
-    def world(self) -> str:
-        """The world frame with its prefix."""
-        return self.frame_prefix + self.frame
-
-    def fixed(self, frame: str | None) -> str:
-        """A frame that does not move with the robot, with its prefix; None for the world frame."""
-        return self.world if frame is None else self.frame_prefix + frame
-
-    @property
     def body(self) -> str:
         """The robot's frame with its prefix."""
         return self.frame_prefix + self.body_frame
 
-    def sensor(self, mount: Mount) -> str:
-        """The frame of a sensor with its prefix."""
-        return self.frame_prefix + mount.frame
+    def fixed(self, frame: str | None = None) -> str:
+        """A frame with its prefix; None for the world frame."""
+        return self.frame_prefix + (self.frame if frame is None else frame)

@@ -6,9 +6,6 @@ import re
 from importlib import import_module
 from typing import Any
 
-ROOT = "/"
-"""Root namespace, for a graph without its own."""
-
 
 def absolute(namespace: str, what: str = "namespace") -> str:
     """Return a namespace in ROS's form: "/robot1", or "/" for none; or another absolute name, which the message calls ``what``.
@@ -18,7 +15,7 @@ def absolute(namespace: str, what: str = "namespace") -> str:
     name = namespace.strip("/")
     if name and not re.fullmatch(r"(?!.*__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name, re.ASCII):
         raise ValueError(f"{what} must be names of letters, digits and _, joined by /, such as robot1, got {namespace!r}.")
-    return ROOT + name
+    return f"/{name}"
 
 
 def prefix_of(namespace: str) -> str:

@@ -131,7 +131,7 @@ def offer(node: Node, block: Any, feeds: Mapping[str, Feed], common: Common) -> 
         return None
     feeds["goal"].on_refusal = block.refuse
     try:
-        return NavigateToPose(node, block, partial(feeds["goal"].read, frame=common.world), common.world)
+        return NavigateToPose(node, block, partial(feeds["goal"].read, frame=common.fixed()), common.fixed())
     except ModuleNotFoundError:
         if not common.lock_step:
             node.get_logger().info(MISSING)

@@ -40,7 +40,7 @@ class Outputs:
         mounts = [output.mount for output in declared.values() if output.mount]
         if mounts and (tf := next((key for key, output in declared.items() if output.type is Transform), None)):
             kind, header = self._ways[tf].message, Header(frame_id=common.body)
-            there = [transform_to(common.sensor(mount), Pose(mount.x, mount.y, mount.yaw), header) for mount in mounts]
+            there = [transform_to(common.fixed(mount.frame), Pose(mount.x, mount.y, mount.yaw), header) for mount in mounts]
             self._static = node.create_publisher(kind, "/tf_static", LATCHED)
             self._static.publish(kind(transforms=there))
         self.moving = [key for key, output in declared.items() if output.stop is not None]
@@ -66,7 +66,7 @@ class Outputs:
         if isinstance(value, Stamped):
             value, stamp = value.value, stamp - round(value.age * SECOND)
         way, mount, is_command = self._ways[key], self._declared[key].mount, self._declared[key].type is Command
-        body = self._common.sensor(mount) if mount else self._common.body
+        body = self._common.fixed(mount.frame) if mount else self._common.body
         frame = self._common.fixed(self._declared[key].frame) if way.in_world else body
         rests = is_command and not self._common.lock_step
         at = self._time() if rests else stamp
