@@ -22,7 +22,7 @@ from turtlebot_gym_ros.blocks.kalman_filter import FIX
 from turtlebot_gym_ros.blocks.localizer import MAP_INPUT
 from turtlebot_gym_ros.blocks.waypoints import ROOM_GOAL
 from turtlebot_gym_ros.node.block import SCAN
-from turtlebot_gym_ros.node.geometry import quaternion_of
+from turtlebot_gym_ros.node.geometry import half_turn
 from turtlebot_gym_ros.nodes import BLOCKS, load
 
 EXAMPLE = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/examples/face_east.py"
@@ -54,7 +54,8 @@ def test_the_same_block_is_a_node(example, runner, peer, wait_for, stamped):
     runner.add(Shell(example.FaceEast, example.Params, context=runner.context, overrides=overrides))
     message, stamps = Odometry(), itertools.count(1)
     message.header.frame_id = "odom"
-    message.pose.pose.orientation = quaternion_of(0.5)
+    orientation = message.pose.pose.orientation
+    orientation.z, orientation.w = half_turn(0.5)
 
     def answered():
         message.header.stamp = Time(nanoseconds=next(stamps) * 100_000_000).to_msg()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -35,8 +35,7 @@ def unread(message: Any) -> Any:
 
 FASTEST = 1e3
 """Speed, m/s, and turning rate, rad/s, beyond which nothing is."""
-_NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
-_PAIRS = sorted(product(range(len(_NUDGES)), repeat=2), key=sum)
+_NUDGES = sorted(product(range(-4, 5), repeat=2), key=lambda pair: abs(pair[0]) + abs(pair[1]))
 _NORMS = tuple(1.0 + k * 2.0**-24 for k in range(33))
 """Norms of a quaternion: near 1/8 rad the tangent has fewer bits than the angle, and none of norm 1 has some headings."""
 
@@ -66,12 +65,6 @@ def _yaw_of(q: Quaternion) -> float:
     return yaw_of_rotation(q.w, q.x, q.y, q.z)
 
 
-def quaternion_of(yaw: float) -> Quaternion:
-    """Return the rotation about the vertical axis by a heading, rad."""
-    z, w = half_turn(yaw)
-    return Quaternion(x=0.0, y=0.0, z=z, w=w)
-
-
 def half_turn(yaw: float) -> tuple[float, float]:
     """Return the quaternion's z and w of the rotation about the vertical axis by a heading, rad.
 
@@ -81,14 +74,10 @@ def half_turn(yaw: float) -> tuple[float, float]:
     """
     z, w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
     if yaw_of_rotation(w, 0.0, 0.0, z) != yaw and -math.pi <= yaw < math.pi:
-        near = (pair for norm in _NORMS for pair in _neighbours(norm * z, norm * w))
+        scaled = ((norm * z, norm * w) for norm in _NORMS)
+        near = ((a + i * math.ulp(a), b + j * math.ulp(b)) for a, b in scaled for i, j in _NUDGES)
         z, w = next(((a, b) for a, b in near if yaw_of_rotation(b, 0.0, 0.0, a) == yaw), (z, w))
     return z, w
-
-
-def _neighbours(z: float, w: float) -> Iterator[tuple[float, float]]:
-    near_z, near_w = ([value + k * math.ulp(value) for k in _NUDGES] for value in (z, w))
-    return ((near_z[i], near_w[j]) for i, j in _PAIRS)
 
 
 def read_pose(message: Any) -> Pose:
@@ -108,7 +97,7 @@ def transform_to(child: str, pose: Pose, header: Header) -> TransformStamped:
     finite("the pose", pose)
     made = TransformStamped(header=header, child_frame_id=child)
     made.transform.translation.x, made.transform.translation.y = pose.x, pose.y
-    made.transform.rotation = quaternion_of(pose.theta)
+    made.transform.rotation.z, made.transform.rotation.w = half_turn(pose.theta)
     return made
 
 
