@@ -73,7 +73,7 @@ class VelocityController:
     ``following`` (`Pose`, on ``next_reference``; optional: the waypoint after it); ``nis`` (`Nis`, on ``nis``; optional, but
     for "evidence"); ``disagreement``, on which the robot stops until it is enabled; for a policy that sees ``scan`` (`Scan`, on
     ``scan``, of a full revolution); and ``own_NAME`` for each term of the policy's own. Outputs: ``command`` (`Command`, on
-    ``cmd_vel``). Parameters: those of `Params`.
+    ``cmd_vel``).
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)

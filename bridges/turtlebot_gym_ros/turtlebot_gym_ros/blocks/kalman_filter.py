@@ -22,6 +22,8 @@ from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, TF, In
 
 REMEMBERED = late_by(MAX_FIX_AGE, 0.01)
 """Number of steps stored for late fixes: half a second of odometry at 100 Hz, longer at lower rates."""
+EULER = INTEGRATORS["euler"]
+"""The rule by which the environments move by default, too."""
 STANDS = Command(0.01, 0.05)
 """Twist up to which the odometry of a robot says that it stands; m/s, rad/s."""
 UNSEEN = 0.15
@@ -49,8 +51,7 @@ class KalmanFilter:
     Inputs: ``odometry`` (`Odometry`, on ``odom``), ``command`` (`Command`, on ``cmd_vel``), with ``takes_fixes`` ``fix``
     (`Fix`, on ``pose_fix``), ``initial_pose`` (`InitialPose`, on ``initialpose``), ``resume`` (`Resume`, on ``resume``); all
     but the first optional. Outputs, at odometry's stamp and in its frame: ``nis`` (`Nis`, on ``nis``), ``estimate``
-    (`Estimate`, on ``estimate``), and ``disagreement`` (`Disagreement`, on ``disagreement``, when it changes). Parameters:
-    those of `Params`.
+    (`Estimate`, on ``estimate``), and ``disagreement`` (`Disagreement`, on ``disagreement``, when it changes).
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +65,6 @@ class KalmanFilter:
         filter: str = "matched"
         """A name in `turtlebot_gym.presets.FILTERS`, a FILE.yaml with Q and R, or your MODULE:NAME. The names are matched,
         calibrated, tutorial and gated; NAME is a filter of your own, or an object of filterpy."""
-        integrator: str = "euler"
-        """"euler" or "midpoint"."""
         twist: str = "executed"
         """Twist of the prediction: "executed", in ``/odom``, or "commanded", the last ``/cmd_vel``. The second is for odometry
         without a twist; not in lock-step. Commands are not tied to steps: on a busy machine the filter used another one than
@@ -112,7 +111,6 @@ class KalmanFilter:
         self._by_command = choose("twist", params.twist, {"executed": False, "commanded": True})
         self._agreement = Agreement(self._robot, noise, leaps=self._by_command)  # a robot follows its command late
         self._gate, self._verdict = Gate(), Credibility()
-        self._integrator = choose("integrator", params.integrator, INTEGRATORS)
         if self._by_command:
             self.inputs = {**self.inputs, "command": replace(COMMANDED, lock_step="refused")}
         if params.takes_fixes:
@@ -196,14 +194,14 @@ class KalmanFilter:
         n = max(1, round(dt / self._period))
         share = round(dt / n, 9)  # stamps are whole nanoseconds, so 0.3 s is exactly three times 0.1 s
         for _ in range(n - 1):
-            estimate = self._filter.step(estimate, before, nothing, self._tuning, share, self._integrator)
-        return self._filter.step(estimate, before, senses, self._tuning, share, self._integrator)
+            estimate = self._filter.step(estimate, before, nothing, self._tuning, share, EULER)
+        return self._filter.step(estimate, before, senses, self._tuning, share, EULER)
 
     def _take_seat(self, odometry: Odometry, initial_pose: Fix) -> FilterTuning:
         """Start anew where a person says that the robot is, if it stands; return the tuning to start with."""
         why = Gate().refusal(initial_pose, self._time)
-        if not _stands(odometry):
-            v, omega = odometry.twist
+        v, omega = odometry.twist
+        if not (odometry.measured and abs(v) <= STANDS.v and abs(omega) <= STANDS.omega):
             why = f"the robot must stand, but drives with {v:g} m/s and {omega:g} rad/s"
         elif initial_pose.R[2] == math.inf:
             why = "it has no heading"
@@ -255,7 +253,3 @@ class KalmanFilter:
     def _accept(self, kind: str) -> None:
         if self.notice and self.notice.startswith(kind):
             self.notice = None
-
-
-def _stands(odometry: Odometry) -> bool:
-    return abs(odometry.twist.v) <= STANDS.v and abs(odometry.twist.omega) <= STANDS.omega and odometry.measured

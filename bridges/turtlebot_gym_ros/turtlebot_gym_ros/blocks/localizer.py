@@ -61,8 +61,7 @@ class Localizer:
     ``initial_pose`` and ``resume`` as for `KalmanFilter`, and without a map's file ``map`` (`GridMap`, on ``map``). Outputs:
     ``pose`` (`Located`, on ``amcl_pose``), ``nis`` (`Nis`, on ``nis``), ``estimate`` (`Estimate`, on ``estimate``), at
     odometry's stamp, in the frame ``frame``; ``disagreement`` as for `KalmanFilter`; with ``publish_tf`` the transform from
-    ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map`` (`GridMap`, on ``map``), once. Parameters: those of
-    `Params`.
+    ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map`` (`GridMap`, on ``map``), once.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)

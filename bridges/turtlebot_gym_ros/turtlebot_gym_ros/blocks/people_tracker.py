@@ -34,15 +34,12 @@ MOST_BEAMS = 4096
 class PeopleTracker:
     """Track what moves, such as people, in the frame of the odometry.
 
-    With each odometry it publishes the nearest tracks, which a policy reads as the term "tracks". A scan counts as soon as the
-    odometry reaches its last beam. It is as the LiDAR's preset says if it agrees with that to single precision; otherwise as
-    the message says. Its mount is that of ``/tf_static``, or the preset's. Beams that
-    return nothing say "free" unless they contradict what was seen before, see `turtlebot_gym.silence`. Where odometry begins
-    elsewhere, the tracker begins anew.
+    With each odometry it publishes the nearest tracks, which a policy reads as the term "tracks". It reads scans as `Localizer`
+    does. Beams that return nothing say "free" unless they contradict what was seen before, see `turtlebot_gym.silence`. Where
+    odometry begins elsewhere, the tracker begins anew.
 
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``).
     Outputs: ``nearest`` (`Tracks`, on ``tracks``, in the robot's frame, at odometry's stamp).
-    Parameters: those of `Params`.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)

@@ -33,9 +33,7 @@ ROOM_OUTPUTS = {
 }
 """Additional outputs in a room."""
 SCAN_FRAMES = {"a1": "rplidar_link"}
-"""Frames of LiDARs on their robots, by the LiDAR's name."""
-SCAN_FRAME = "base_scan"
-"""Frame of all other LiDARs."""
+"""Frames of LiDARs on their robots, if they are not base_scan."""
 MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
 """Additional output for a map, published once."""
 OPEN_GROUND = ("open", "")
@@ -56,8 +54,7 @@ class TurtlebotSimulator:
     the wheels executed); with a ``fix`` also ``fix`` (`Fix`, on ``pose_fix``, stamped with the time of the measurement). In a
     room ``scan`` (`Scan`, on ``scan``, when it is complete, with the LiDAR's stamps, in its own frame), ``goal`` (`Pose`, on
     ``room_goal``), ``clearance`` (`Clearance`, on ``clearance``), and ``obstacles`` (`Obstacles`, on ``obstacles``), a picture
-    for viewers; of a map, or with a ``localizer``, ``map`` (`GridMap`, on ``map``), once an episode. Parameters: those of
-    `Params`. A reset begins the next episode.
+    for viewers; of a map, or with a ``localizer``, ``map`` (`GridMap`, on ``map``), once an episode.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,8 +67,6 @@ class TurtlebotSimulator:
         """A name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         fix: str = "none"
         """External pose sensor: none, a name in `turtlebot_gym.presets.FIXES`, or a FILE.yaml."""
-        integrator: str = "euler"
-        """"euler" or "midpoint"."""
         period: Annotated[float, PERIOD] = 0.1
         """Period of the odometry and of the simulation, s."""
         seed: Annotated[int, Range(0, MAX_SEED, whole=True)] = 0
@@ -113,7 +108,6 @@ class TurtlebotSimulator:
             task=task,
             robot=params.robot,
             noise=params.noise,
-            integrator=params.integrator,
             dt=params.period,
             fix=None if params.fix in NO_FIX else params.fix,
             world=params.world if params.in_room else None,
@@ -134,7 +128,7 @@ class TurtlebotSimulator:
         if self._sees_fixes:
             self.outputs |= FIX_OUTPUTS
         if self._lidar:
-            mount = Mount(SCAN_FRAMES.get(params.lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)
+            mount = Mount(SCAN_FRAMES.get(params.lidar, "base_scan"), self._lidar.x, self._lidar.y, self._lidar.yaw)
             self.outputs |= ROOM_OUTPUTS | {"scan": replace(ROOM_OUTPUTS["scan"], mount=mount)}
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)

@@ -36,7 +36,7 @@ class WaypointGenerator:
 
     Inputs, all optional: ``estimate`` (`Estimate`, on ``estimate``), ``goal`` (`Pose`, on ``goal_pose``), and if ``waypoints``
     is "room", ``room_goal`` (`Pose`, on ``room_goal``). Outputs: ``reference`` (`Pose`, on ``reference``), ``following``
-    (`Pose`, on ``next_reference``), in the world frame. Parameters: those of `Params`.
+    (`Pose`, on ``next_reference``), in the world frame.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
