@@ -1,6 +1,6 @@
-"""Interface of a block: a plain object with a ``step``, and declarations of its inputs, outputs and trigger.
+"""Interface of a block: a plain object with a ``step``, and declarations of its inputs, outputs and trigger, without ROS.
 
-This module does not depend on ROS: a ``for`` loop can drive a block just as the shell (`shell`) does, which makes it a node.
+A ``for`` loop can drive a block just as the shell (`shell`) does, which makes it a node.
 """
 
 from __future__ import annotations
@@ -209,26 +209,18 @@ class Block(Protocol):
     @property
     def inputs(self) -> Mapping[str, Input]:
         """Inputs by their names in ``step``; a class attribute suffices, as for the next two."""
-        ...
 
     @property
     def outputs(self) -> Mapping[str, Output]:
         """Outputs by the names that ``step`` returns."""
-        ...
 
     @property
     def trigger(self) -> Every | On:
         """Trigger of the block."""
-        ...
 
     def reset(self) -> None:
         """Forget everything; the next step is the first."""
-        ...
 
     @property
     def step(self) -> Callable[..., Mapping[str, Any]]:
-        """A method ``step(dt, **inputs)`` that returns the outputs by name, from the values of the declared inputs.
-
-        ``dt`` is the time since the last step, s; 0 on the first step of a block that runs on messages.
-        """
-        ...
+        """A method ``step(dt, **inputs)`` that returns the outputs by name; ``dt`` is the time since the last step, s, or 0."""

@@ -16,10 +16,6 @@ from turtlebot_gym_ros.nodes import NODES
 _VELOCITIES = {"geometry_msgs/msg/Twist": "false", "geometry_msgs/msg/TwistStamped": "true"}
 
 
-Problem = tuple[bytes, str]
-"""The level and the text of what is reported to users."""
-
-
 class Endpoint(NamedTuple):
     """A topic of a node."""
 
@@ -39,11 +35,11 @@ class Reporter:
 
     def __init__(self, node: Node, endpoints: Iterable[Endpoint], *, plant: bool) -> None:
         self._node, self._endpoints, self._plant = node, list(endpoints), plant
-        self._known: set[Problem] = set()
+        self._known: set[tuple[bytes, str]] = set()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
 
-    def publish(self, problems: Iterable[Problem], summary: str, values: Mapping[str, object]) -> None:
-        """Publish figures with the problems of the graph, which may be the cause of others, and of the node, or a summary."""
+    def publish(self, problems: Iterable[tuple[bytes, str]], summary: str, values: Mapping[str, object]) -> None:
+        """Publish figures with the problems, their levels and texts, of the graph and then of the node, or a summary."""
         around = [problem for endpoint in self._endpoints for problem in self._around(endpoint)]
         for problem in set(around) - self._known:
             log(self._node, *problem)
@@ -53,7 +49,7 @@ class Reporter:
         name = self._node.get_namespace().strip("/") or "turtlebot_gym_ros"
         self._publisher.publish(report(self._node, level, text, hardware=name, values=values))
 
-    def _around(self, mine: Endpoint) -> Iterable[Problem]:
+    def _around(self, mine: Endpoint) -> Iterable[tuple[bytes, str]]:
         node, me = self._node, self._node.get_fully_qualified_name()
         publishers = node.get_publishers_info_by_topic(mine.topic)
         listeners = node.get_subscriptions_info_by_topic(mine.topic)

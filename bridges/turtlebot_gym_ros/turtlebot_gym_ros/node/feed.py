@@ -60,8 +60,6 @@ class Feed:
         self._lock_step, self._headers, self._group, self._mount_of = lock_step, headers, group, mount
         self._waits_for_others = not (lock_step or declared.wakes)
         self.conversion, self.ages = conversion, Ages(clock)
-        self.poll: Callable[[], None] = lambda: None
-        """Reads the messages of an input that does not wake the node."""
         self.stamp: int | None = None
         """Stamp of the latest value, ns."""
         self.measured_at: int | None = None
@@ -101,9 +99,14 @@ class Feed:
             callback_group=PolledGroup() if self._waits_for_others else self._group,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
-        self.poll = partial(take, self._subscription, node) if self._waits_for_others else lambda: None
+        self._node = node
         self.topic: str = self._subscription.topic_name
         return Endpoint(self.topic, type_name(kind), False, sole=self.declared.sole)
+
+    def poll(self) -> None:
+        """Read the messages of an input that does not wake the node."""
+        if self._waits_for_others:
+            take(self._subscription, self._node)
 
     @property
     def step(self) -> int | None:
@@ -167,7 +170,7 @@ class Feed:
         count = self._subscription.get_publisher_count() if self.declared.sole else 0
         return f"{count} nodes publish {self.topic}, where one may; a killed one counts for 20 s" if count > 1 else ""
 
-    def replaced(self, node: Node, now: float) -> str:
+    def replaced(self, now: float) -> str:
         """Return that another node, whatever its name, publishes it than first since `begin`, where one may, if so."""
         if not self.declared.sole or self._lock_step:
             return ""
@@ -176,7 +179,7 @@ class Feed:
         elif self._is_fresh(now) and now >= self._looked + LOOK_PERIOD:
             self._looked = now
             kind = type_name(self.conversion.message)
-            there = [info for info in node.get_publishers_info_by_topic(self.topic) if info.topic_type == kind]
+            there = [info for info in self._node.get_publishers_info_by_topic(self.topic) if info.topic_type == kind]
             sources = {bytes(info.endpoint_gid) for info in there}
             if self._sources is None:
                 self._sources = sources or None
@@ -276,7 +279,7 @@ class Inputs:
 
     def halted(self, now: float) -> str:
         """Return the cause that an input gives for stopping the robot until it is enabled again, or an empty text."""
-        return next((why for feed in self.feeds.values() if (why := feed.cause or feed.replaced(self._node, now))), "")
+        return next((why for feed in self.feeds.values() if (why := feed.cause or feed.replaced(now))), "")
 
     def rivals(self) -> str:
         """Return which input has several sources where one may be, or an empty text."""
