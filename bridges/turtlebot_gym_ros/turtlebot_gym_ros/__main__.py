@@ -59,11 +59,8 @@ def _run(argv: Sequence[str] | None) -> int:
     names = [name, *takewhile(NODES.__contains__, rest if name in EXPLAINED else [])]
     try:
         target_of(name)
-        for at, each in enumerate(names if len(names) > 1 else []):
-            if each not in BLOCKS:
-                raise ValueError(f"{each} runs in a process of its own: start it apart.")
-            if each in names[:at]:
-                raise ValueError(f"{each} is named twice.")
+        if len(names) > 1 and (others := [each for each in names if each not in BLOCKS]):
+            raise ValueError(f"{others[0]} runs in a process of its own: start it apart.")
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

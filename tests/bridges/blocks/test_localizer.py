@@ -40,9 +40,7 @@ class Drive:
             sent = self.plant.step(0.1, command)
             self.scan = sent.get("scan", self.scan and self.scan._replace(age=self.scan.age + 0.1))
             scan = self.scan._replace(value=see(self.scan.value))
-            self.answer = self.node.step(
-                0.1 if self.at else 0.0, sent["odometry"], scan, GRID, initial_pose and Stamped(*initial_pose)
-            )
+            self.answer = self.node.step(0.1 if self.at else 0.0, sent["odometry"], scan, GRID, initial_pose)
             initial_pose, self.truth, self.odometry = None, sent["truth"], sent["odometry"]
             self.at += 1
             published += "estimate" in self.answer

@@ -31,7 +31,20 @@ from turtlebot_gym.systems.scans import drift_of
 from turtlebot_gym.values import ORIGIN, Command, Odometry, Pose
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility
 from turtlebot_gym_ros.blocks.ticks import Ticks
-from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, SCAN, TF, Input, Nis, On, Output, Stamped, Transform
+from turtlebot_gym_ros.node.block import (
+    COMMANDED,
+    INITIAL_POSE,
+    RESUME,
+    SCAN,
+    TF,
+    InitialPose,
+    Input,
+    Nis,
+    On,
+    Output,
+    Stamped,
+    Transform,
+)
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan: 1 s at 50 Hz."""
@@ -103,7 +116,7 @@ class Localizer:
         "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
         "scan": replace(SCAN, wakes=False),
         "command": COMMANDED,
-        "initial_pose": replace(INITIAL_POSE, aged=True),
+        "initial_pose": INITIAL_POSE,
         "resume": RESUME,
     }
     outputs = {
@@ -173,7 +186,7 @@ class Localizer:
         odometry: Odometry,
         scan: Stamped,
         map: GridMap | None = None,
-        initial_pose: Stamped | None = None,
+        initial_pose: InitialPose | None = None,
         command: Command | None = None,
         resume: object = None,
     ) -> dict[str, Any]:
@@ -217,15 +230,11 @@ class Localizer:
             return locate(odometry.pose, (x, y, heading), self._q)
         return nowhere(self._q)
 
-    def _take_seat(self, located: Located, initial_pose: Stamped) -> Located:
-        """Return the belief where a person says that the robot is, or was at a time that its odometry still remembers."""
-        pose, (x, y, heading), *_, (xy, xt, yt) = initial_pose.value
+    def _take_seat(self, located: Located, initial_pose: InitialPose) -> Located:
+        """Return the belief where a person says that the robot is."""
+        pose, (x, y, heading), *_, (xy, xt, yt) = initial_pose
         if heading == math.inf:
             return located
-        later = np.count_nonzero(self._trail[:, 0] > self._ticks.time - initial_pose.age)
-        if 0 < later < TRAIL:
-            then = Pose(*self._trail[later, 1:4].tolist())
-            pose = increment(pose, then, self._wheels(), sincos(wrap(pose.theta - then.theta)))
         place = locate(pose, (x, y, heading), self._q)
         belief = place.belief._replace(covariance=place.belief.covariance._replace(xy=xy, xt=xt, yt=yt))
         return place._replace(belief=belief, scans=located.scans, moves=located.moves)

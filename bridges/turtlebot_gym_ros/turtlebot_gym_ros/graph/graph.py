@@ -108,10 +108,7 @@ class Graph:
         self.in_room = parameters.get("world", "open") not in OPEN_GROUND
         """Whether the simulator is in a room."""
         self._stamped = bool(parameters.get("enable_stamped_cmd_vel", True))
-        try:
-            Common(lock_step=self._lock_step, enable_stamped_cmd_vel=self._stamped)
-        except ValueError as error:
-            raise ValueError(f"{error} It works in real time.") from None
+        Common(lock_step=self._lock_step, enable_stamped_cmd_vel=self._stamped)
 
     def _for_node(self, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
         known = {*load(name).Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame", "frame_prefix"}
@@ -153,26 +150,21 @@ class Graph:
             self._runner.add(Shell(block, block.Params, name=name, overrides=given, arguments=OWN_CLOCK, **options))
 
     def _come_up(self) -> None:
-        if self._lock_step:  # time stands still at step 0 until the controller is enabled
-            self._wait(lambda graph: graph._recorder.is_connected and graph._recorder.has_begun)
-            self._ask("velocity_controller/enable", SetBool, SetBool.Request(data=True))
-            return
+        """Wait for all nodes and enable the controller: until then the robot stands, and in lock-step time does."""
         topics = ("true_state", "estimate", "reference") if self._autonomous else ("true_state", "estimate")
         self._wait(lambda graph: all(topic in graph.latest for topic in topics))
+        if not self._lock_step:
+            self._recorder.restart()
         if self._autonomous:
-            self._ask("velocity_controller/enable", SetBool, SetBool.Request(data=True))
-        self._recorder.restart()  # the robot stood until now
+            self._wait(lambda graph: graph._recorder.is_connected)
+            client = self._recorder.node.create_client(SetBool, "velocity_controller/enable")
+            self._wait(lambda graph: client.service_is_ready())
+            answer = client.call_async(SetBool.Request(data=True))
+            self._wait(lambda graph: answer.done())
         self._wait(lambda graph: graph._recorder.has_begun)
 
     def _wait(self, condition: Callable[[Graph], Any]) -> None:
         self.wait_until(lambda graph: not graph.require_no_fault() and condition(graph), timeout=PATIENCE)
-
-    def _ask(self, service: str, kind: Any, request: Any) -> None:
-        client = self._recorder.node.create_client(kind, service)
-        self._wait(lambda graph: client.service_is_ready())
-        future = client.call_async(request)
-        self._wait(lambda graph: future.done())
-        self._recorder.node.destroy_client(client)
 
     @property
     def state(self) -> str:

@@ -209,18 +209,23 @@ class Block(Protocol):
     @property
     def inputs(self) -> Mapping[str, Input]:
         """Inputs by their names in ``step``; a class attribute suffices, as for the next two."""
+        ...
 
     @property
     def outputs(self) -> Mapping[str, Output]:
         """Outputs by the names that ``step`` returns."""
+        ...
 
     @property
     def trigger(self) -> Every | On:
         """Trigger of the block."""
+        ...
 
     def reset(self) -> None:
         """Forget everything; the next step is the first."""
+        ...
 
     @property
     def step(self) -> Callable[..., Mapping[str, Any]]:
         """A method ``step(dt, **inputs)`` that returns the outputs by name; ``dt`` is the time since the last step, s, or 0."""
+        ...

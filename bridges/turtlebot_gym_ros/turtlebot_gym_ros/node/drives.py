@@ -128,9 +128,10 @@ class _ByAnswers(Scheduler):
             shell.begin_anew()
             turn, _ = rule.hear(key, steps)
         stamp = steps[rule.messages.input] or 0
-        if turn is Turn.REPEAT and shell.may_move():
+        may_repeat = shell.switch is None or shell.switch.safety.enabled
+        if turn is Turn.REPEAT and may_repeat:
             shell.outputs.publish_again()
-        if turn is Turn.HOLD and shell.outputs.moving and shell.may_move():
+        if turn is Turn.HOLD and shell.outputs.moving and may_repeat:
             shell.outputs.publish_again(stamp)  # the plant waits for a command in every step
         if turn is Turn.HOLD or (turn is Turn.STEP and shell.step(stamp)):
             rule.answer(stamp)

@@ -112,10 +112,6 @@ class Outputs:
         """Return the messages that stop the robot; in lock-step they answer the step of a stamp, ns, if any."""
         return {key: self.message(key, self._declared[key].stop, stamp) for key in self.moving}
 
-    def publish_stops(self) -> None:
-        """Publish the messages that stop the robot."""
-        self.publish(self.stops())
-
     def flush(self) -> None:
         """Wait until listeners have all messages, at most 0.5 s each, since Fast DDS drops undelivered ones."""
         for publisher in (*self._publishers.values(), *self._tellers.values()):

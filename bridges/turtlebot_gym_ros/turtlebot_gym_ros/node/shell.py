@@ -123,10 +123,6 @@ class Shell:
         if name := getattr(block, "nav2_name", ""):
             be_active(node, name)
 
-    def may_move(self) -> bool:
-        """Return whether an answer may be repeated."""
-        return self.switch is None or self.switch.safety.enabled
-
     def step(self, stamp: int) -> bool:
         """Run the block once at a stamp, ns, publish the result, and return whether it ran."""
         now, switch, drive = self.now(), self.switch, self._drive

@@ -67,10 +67,6 @@ class Switch:
             self._tell()
             return None
 
-    def disable(self) -> None:
-        """Stop the robot, and release it a second later."""
-        self.stop("not enabled", disable=True)
-
     def stop(self, reason: str, *, disable: bool = False) -> None:
         """Stop the robot until the next step or, if disabled, until it is enabled again."""
         self.safety.stop(reason, now=self._now(), disable=disable)
@@ -82,7 +78,7 @@ class Switch:
         self.safety.count_buttons(self._buttons.get_publisher_count(), now=self._now())
         with self.safety.lock:  # so that nothing else is published between the decision and the zeros
             if self.safety.tick(now=self._now()):
-                self._shell.outputs.publish_stops()
+                self._shell.outputs.publish(self._shell.outputs.stops())
             self._tell()
 
     def _tell(self) -> None:
@@ -93,7 +89,7 @@ class Switch:
                 self._state.publish(String(data=state))
 
     def _serve(self, request: Any, response: Any) -> Any:
-        refusal = self.enable() if request.data else self.disable()
+        refusal = self.enable() if request.data else self.stop("not enabled", disable=True)
         response.success = refusal is None
         response.message = refusal or (self._warning if request.data else "disabled")
         return response
@@ -118,6 +114,6 @@ class Switch:
         self.safety.stop("the node ends", now=self._now(), disable=True)
         if moved:
             for _ in range(3):
-                self._shell.outputs.publish_stops()
+                self._shell.outputs.publish(self._shell.outputs.stops())
                 time.sleep(0.03)
         self._tell()
