@@ -25,9 +25,7 @@ class Common:
 
     def __post_init__(self) -> None:
         if self.lock_step and not self.enable_stamped_cmd_vel:
-            raise ValueError(
-                "lock_step needs enable_stamped_cmd_vel: an unstamped Twist cannot be tied to a step, only sent in real time."
-            )
+            raise ValueError("lock_step needs enable_stamped_cmd_vel: a Twist belongs to no step, and works in real time only.")
 
     @property
     def body(self) -> str:

@@ -2,8 +2,8 @@
 
 It subscribes to every topic as it appears, without configuration. In a namespace it records the topics below it and those of
 the root, such as ``/tf``, which robots share; topics of other robots are left to their own recorders. The bag is sqlite3, so a
-``kill -9`` loses at most the last second, and ``metadata.yaml``, which ``ros2 bag reindex`` makes; so does a full disk, of
-which ``/diagnostics`` (1 Hz) has an error. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
+``kill -9`` loses at most the last second, and ``metadata.yaml``, which ``ros2 bag reindex`` makes; so does a full disk, which
+ends the node. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
 
 Parameters: see `Parameters`.
 """
@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import sqlite3
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,7 +34,7 @@ from rosbags.typesys.store import Typestore
 from cmd_vel_guard.declare import declare
 from cmd_vel_guard.executor import PolledGroup, waiting
 from cmd_vel_guard.process import run
-from cmd_vel_guard.reports import ERROR, OK, report
+from cmd_vel_guard.reports import OK, report
 from turtlebot_gym_ros.base.names import message_type
 
 COLLECT_PERIOD = 0.02
@@ -43,8 +43,6 @@ IN_FLIGHT = 0.2
 """Time to wait at the end for messages in transit, s."""
 DEPTH = 1000
 """Number of messages that a subscription keeps until it is asked."""
-FULL = (sqlite3.Error, OSError)
-"""What a full disk raises."""
 _FOREVER = QosTime(2147483647, 4294967295)
 _LATCHED = Qos(
     QosHistory.KEEP_LAST,
@@ -97,30 +95,17 @@ class DataLogger(Node):
         self._recorded: dict[str, _LoggedTopic] = {}
         self._opened: dict[tuple[str, str], tuple[type, Connection]] = {}
         self._refused: set[tuple[str, str]] = set()
-        self._ended: str | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._collected = PolledGroup()
         for period, work in ((COLLECT_PERIOD, self._collect), (0.1, self._discover), (1.0, self._commit)):
-            self.create_timer(period, partial(self._unless_full, work), clock=steady)
+            self.create_timer(period, work, clock=steady)
         self.create_timer(1.0, self._report, clock=steady)
         self.get_logger().info(f"recording to {self.folder}")
 
-    def _unless_full(self, work: Callable[[], None]) -> None:
-        if self._ended:
-            return
-        try:
-            work()
-        except FULL as error:
-            self._ended = f"the recording ended, and what was recorded is in {self.folder} (ros2 bag reindex): {error}"
-            self.get_logger().error(self._ended)
-            for topic in self._recorded.values():
-                self.destroy_subscription(topic.subscription)
-
     def _report(self) -> None:
-        level, text = (ERROR, self._ended) if self._ended else (OK, f"records {len(self._recorded)} topics")
-        space = self.get_namespace().strip("/") or "turtlebot_gym_ros"
-        self._diagnostics.publish(report(self, level, text, hardware=space, values={"folder": self.folder}))
+        text, space = f"records {len(self._recorded)} topics", self.get_namespace().strip("/") or "turtlebot_gym_ros"
+        self._diagnostics.publish(report(self, OK, text, hardware=space, values={"folder": self.folder}))
 
     def _discover(self) -> None:
         for topic, kinds in self.get_topic_names_and_types():
@@ -181,8 +166,9 @@ class DataLogger(Node):
     def close(self) -> None:
         """Record messages in transit, and finish the bag."""
         time.sleep(IN_FLIGHT)
-        self._unless_full(self._collect)
-        self._unless_full(self._writer.close)
+        with suppress(sqlite3.Error, OSError):  # of a full disk, which was reported
+            self._collect()
+            self._writer.close()
         self.get_logger().info(f"recorded {len(self._recorded)} topics in {self.folder}")
 
 
