@@ -30,7 +30,7 @@ without ros2cli, TOOL [--help]:
 velocity_controller starts disabled: watch the robot, and enable it. Only policies such as vfh see obstacles,
 by /scan; cmd_vel_guard stops before them unless collision_monitor:=false.
 Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise; to reach a robot, set it to SUBNET.
-bringup and status have their own options: see their --help. --version prints the version."""
+bringup and status have their own options: see their --help."""
 
 
 EXTRAS = {"rclpy": "ros", "yaml": "ros", "rosbags": "deploy", "matplotlib": "gym", "PIL": "gym"}
@@ -50,11 +50,6 @@ def _run(argv: Sequence[str] | None) -> int:
     if name in ("-h", "--help"):
         nodes, tools = ("\n".join(f"  {each:<20} {help}" for each, (_, help) in of.items()) for of in (NODES, TOOLS))
         print(HELP.format(nodes=nodes, tools=tools))
-        return 0
-    if name == "--version":
-        from turtlebot_gym import __version__
-
-        print(f"turtlebot-gym {__version__}")
         return 0
     names = [name, *takewhile(NODES.__contains__, rest if name in EXPLAINED else [])]
     try:

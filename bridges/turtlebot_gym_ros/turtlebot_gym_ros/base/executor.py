@@ -40,24 +40,14 @@ class FastGroup(MutuallyExclusiveCallbackGroup):
 
     def __init__(self, node: Node) -> None:
         super().__init__()
-        self._all = node.default_callback_group
+        self._all: Any = node.default_callback_group
+        self.can_execute, self.beginning_execution = self._all.can_execute, self._all.beginning_execution
+        self.ending_execution = self._all.ending_execution
 
     def add_entity(self, entity: Any) -> None:
-        """Add an entity to this group, and to the node's default group."""
+        """Add an entity to this group, and to the node's default group, whose turns count."""
         super().add_entity(entity)
         self._all.add_entity(entity)
-
-    def can_execute(self, entity: Any) -> bool:
-        """Return whether no callback of the node runs."""
-        return self._all.can_execute(entity)
-
-    def beginning_execution(self, entity: Any) -> bool:
-        """Take the node's turn, and return whether it was free."""
-        return self._all.beginning_execution(entity)
-
-    def ending_execution(self, entity: Any) -> None:
-        """Give the node's turn back."""
-        self._all.ending_execution(entity)
 
 
 def take(subscription: Any, node: Node) -> None:

@@ -24,18 +24,15 @@ from turtlebot_gym_ros.node.block import PERIOD, TF, Every, Input, Output, Stamp
 
 NO_FIX = ("none", "")
 FIX_OUTPUTS = {"fix": Output(topic="pose_fix", type=Fix, newest=True)}
-"""Additional outputs with an external pose sensor."""
 ROOM_OUTPUTS = {
     "scan": Output(topic="scan", type=Scan, newest=True),
     "goal": Output(topic="room_goal", type=Pose),
     "clearance": Output(topic="clearance", type=Clearance),
     "obstacles": Output(topic="obstacles", type=Obstacles),
 }
-"""Additional outputs in a room."""
 SCAN_FRAMES = {"a1": "rplidar_link"}
 """Frames of LiDARs on their robots, if they are not base_scan."""
 MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
-"""Additional output for a map, published once."""
 OPEN_GROUND = ("open", "")
 """Names of worlds without a room."""
 SHOWN_EVERY = 5

@@ -39,14 +39,13 @@ class Input:
     """Whether ``step`` needs the value: if it is missing, ``step`` is not called and the outputs stop. A missing optional value
     is None."""
     sole: bool = False
-    """Whether only one node may publish it: with a second one, the value counts as missing. A robot stands, too, when another
+    """Whether only one node may publish it: with a second one, the value counts as missing. A robot also stands when another
     node has taken its place, until it is enabled again."""
     once: bool = False
     """Whether each value is delivered to one step only."""
     lock_step: str = "latest"
-    """Value that a step takes in lock-step: "latest", the current value; "same", the value with the step's own stamp, for which
-    it waits; "newest", the last value published up to that step, for which it waits too; "absent", if values belong to no step,
-    so that the input is left out; or "refused", if the block cannot do without them either."""
+    """Value that a step takes in lock-step: "latest"; "same", that of the step's stamp, for which it waits; "newest", the last
+    up to that step, for which it waits too; "absent", none, as values belong to no step; or "refused", if it needs them."""
     halts: bool = False
     """Whether a `Disagreement` with a cause on it stops a robot that the block moves, until it is enabled again."""
     aged: bool = False
@@ -58,8 +57,7 @@ class Input:
     frame: str | None = None
     """Frame of its messages, without the prefix; None for the world's."""
     message: str = ""
-    """Type of its messages, such as "std_msgs/msg/Bool", if its values are of no registered type; then ``type`` does not count.
-    """
+    """Type of its messages, such as "std_msgs/msg/Bool", if no type of values is registered: ``type`` does not count then."""
     read: Callable[[Any], Any] | None = None
     """Function of such a message that returns the value, or raises ``ValueError`` to refuse it."""
     wakes: bool = True
@@ -144,14 +142,7 @@ class Transform(NamedTuple):
 
 
 HALT = Input(
-    topic="disagreement",
-    type=Disagreement,
-    required=False,
-    max_age=None,
-    latched=True,
-    measured=False,
-    lock_step="absent",
-    halts=True,
+    topic="disagreement", type=Disagreement, required=False, max_age=None, latched=True, lock_step="absent", halts=True
 )
 """The input of a block that moves a robot on a filter's estimate."""
 TF = Output(topic="/tf", type=Transform)
@@ -161,7 +152,7 @@ COMMANDED = Input(topic="cmd_vel", type=Command, max_age=None, required=False, l
 """The input of a filter that compares its odometry with the command in force."""
 SCAN = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False, sole=True)
 """The input of a block that sees by LiDAR."""
-INITIAL_POSE = Input(topic="initialpose", type=InitialPose, required=False, max_age=None, once=True, measured=False)
+INITIAL_POSE = Input(topic="initialpose", type=InitialPose, required=False, max_age=None, once=True)
 """The input of an estimator that is shown where the robot is. Nav2's clients send it with the stamp of its first time again and
 again until they hear the estimate, so its age does not count."""
 RESUME = Input(topic="resume", type=Resume, required=False, once=True, lock_step="absent")

@@ -52,11 +52,9 @@ class Shell:
     A parameter that is unknown, of the wrong type or out of range, or that ``make`` refuses, raises `ValueError`.
 
     Args:
-        make: Makes the block from its parameters: usually its class.
-        params: The dataclass of its parameters.
+        make: Makes the block from its parameters, of the dataclass ``params``: usually its class.
         name: The node's name; None for that of ``make``, in snake case.
-        namespace: The node's namespace, in which all its topics are; None for that of the command line.
-        context: The rclpy context; None for the default one.
+        namespace: The namespace of the node and its topics; None for that of the command line.
         overrides: Values of parameters.
         arguments: ROS arguments for this node only: parameters, remappings.
         now: The steady clock, s.
