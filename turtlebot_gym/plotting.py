@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, FigureBase, SubFigure
 
-    from turtlebot_gym.rooms.scan import Obstacles
+    from turtlebot_gym.rooms.scan import Obstacles, Scan
+    from turtlebot_gym.values import Pose
 
 BLACK, ORANGE, SKY_BLUE, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
@@ -41,6 +42,7 @@ _ODOMETRY: _Style = {"color": SKY_BLUE, "linestyle": "", "marker": ".", "markers
 _REFERENCE: _Style = {"color": GREEN, "linestyle": "-.", "zorder": 2.2, "drawstyle": "steps-post", "label": "reference"}
 _WAYPOINT: _Style = {"color": GREEN, "linestyle": "", "marker": "o", "markersize": 5.0, "label": "waypoint"}
 _START: _Style = {"color": BLACK, "linestyle": "", "marker": "s", "markersize": 7.0, "zorder": 4.0, "label": "start"}
+_SCAN: _Style = {"color": PURPLE, "linestyle": "", "marker": ".", "markersize": 3.0, "zorder": 2.3, "label": "last scan"}
 _SOLID, _UNKNOWN = "#777777", "#dddddd"
 _STYLES = ("-", "--", "-.", (0, (6, 1, 1, 1, 1, 1)), ":", (0, (10, 2)))
 PATHS = [(color, _STYLES[(at + turn) % 6]) for turn in range(6) for at, color in enumerate((BLUE, PURPLE, ORANGE))]
@@ -96,6 +98,14 @@ def draw_map(axes: Axes, grid: GridMap) -> Axes:
     x, y = grid.origin.x + cosine * along - sine * across, grid.origin.y + sine * along + cosine * across
     shade = 1 + (grid.cells == OCCUPIED) - (grid.cells == FREE).astype(int)
     axes.pcolormesh(x, y, shade, cmap=ListedColormap(["none", _UNKNOWN, _SOLID]), vmin=0, vmax=2, rasterized=True, zorder=0.4)
+    return axes
+
+
+def draw_scan(axes: Axes, scan: Scan, lidar: Pose) -> Axes:
+    """Draw the ends of a scan's beams, measured from the pose of a LiDAR's frame."""
+    angles = lidar.theta + scan.first + scan.increment * np.arange(len(scan.ranges))
+    ranges = np.where(np.isfinite(scan.ranges), scan.ranges, np.nan)
+    _plot(axes, lidar.x + ranges * np.cos(angles), lidar.y + ranges * np.sin(angles), _SCAN)
     return axes
 
 
