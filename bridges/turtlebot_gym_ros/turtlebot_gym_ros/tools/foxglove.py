@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import math
-import sys
-import time
 from typing import Any, cast
 
 from rclpy.node import Node
 
 from cmd_vel_guard.qos import SENSOR
 from turtlebot_gym_ros.base.names import message_type
-from turtlebot_gym_ros.base.process import go_on
-from turtlebot_gym_ros.tools.asking import WAIT, answered, asking, parser_of, remark_if_alone
+from turtlebot_gym_ros.tools.asking import answered, asking, listen, parser_of
 
 LOOK = 0.5
 """How often new topics are looked for, s."""
@@ -74,13 +70,9 @@ def foxglove(argv: Any = None) -> int:
     print(f"ws://{options.host}:{server.port}", flush=True)
     try:
         with asking() as node:
-            relay, remark_at = Relay(node, channel), time.monotonic() + WAIT
+            relay = Relay(node, channel)
             while True:
                 relay.look()
-                if time.monotonic() > remark_at and (remark := remark_if_alone(node)):
-                    remark_at = math.inf
-                    print(remark.strip(), file=sys.stderr, flush=True)
-                go_on()
-                time.sleep(LOOK)
+                listen(LOOK)
     finally:
         server.stop()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -12,7 +12,6 @@ from rclpy.qos import DurabilityPolicy
 from cmd_vel_guard.qos import LATCHED, SENSOR, STREAM
 from cmd_vel_guard.sources import node_name
 from turtlebot_gym_ros.base.names import absolute, message_type
-from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.tools.asking import answered, asking, listen, parser_of, remark_if_alone, until
 
 LEVELS = ("ok", "warning", "error", "stale")
@@ -47,13 +46,12 @@ def topics(argv: Any = None) -> int:
     parser = parser_of("topics", "List topics and who is at them, or print the messages of one.")
     parser.add_argument("topic", nargs="?", help="one topic only")
     parser.add_argument("--echo", action="store_true", help="print the messages of the topic, until Ctrl-C")
-    parser.add_argument("--once", action="store_true", help="print one message of the topic")
     options = parser.parse_args(argv)
-    if (options.echo or options.once) and not options.topic:
-        raise ValueError("--echo and --once need a topic.")
+    if options.echo and not options.topic:
+        raise ValueError("--echo needs a topic.")
     with asking() as node:
-        if options.echo or options.once:
-            return _echo(node, absolute(options.topic, "topic"), options.wait, once=options.once)
+        if options.echo:
+            _echo(node, absolute(options.topic, "topic"), options.wait)
         listen(options.wait)
         if remark := remark_if_alone(node):
             raise TimeoutError(f"there are no topics.{remark}")
@@ -70,27 +68,15 @@ def topics(argv: Any = None) -> int:
     return 0
 
 
-def _echo(node: Node, topic: str, seconds: float, *, once: bool) -> int:
-    """Print the messages of a topic; raise `TimeoutError` if there is none, or with ``once`` if it says nothing."""
+def _echo(node: Node, topic: str, seconds: float) -> None:
+    """Print the messages of a topic until Ctrl-C; raise `TimeoutError` if there is none."""
 
     def known() -> str | None:
         return next((kinds[0] for name, kinds in node.get_topic_names_and_types() if name == topic), None)
 
     kind = until(known, seconds, lambda: f"there is no topic {topic} after {seconds:g} s.{remark_if_alone(node)}")
-    heard: list[Any] = []
-
-    def show(message: Any) -> None:
-        if not (once and heard):
-            print(message, flush=True)
-        heard.append(message)
-
     # A quality of service that hears every publisher, and the last value where all keep it.
-    offers = [info.qos_profile.durability for info in node.get_publishers_info_by_topic(topic)]
-    latched = bool(offers) and set(offers) == {DurabilityPolicy.TRANSIENT_LOCAL}
-    profile = LATCHED if latched else SENSOR
-    node.create_subscription(message_type(kind), topic, show, profile)
-    until(lambda: heard or None, seconds if once else float("inf"), lambda: f"{topic} has said nothing for {seconds:g} s.")
-    while not once:
-        go_on()
-        time.sleep(0.05)
-    return 0
+    offers = {info.qos_profile.durability for info in node.get_publishers_info_by_topic(topic)}
+    profile = LATCHED if offers == {DurabilityPolicy.TRANSIENT_LOCAL} else SENSOR
+    node.create_subscription(message_type(kind), topic, lambda message: print(message, flush=True), profile)
+    listen(math.inf)
