@@ -14,7 +14,7 @@ from typing import Any
 
 from cmd_vel_guard.discovery import prepare
 from cmd_vel_guard.session import INTERRUPTED
-from turtlebot_gym_ros.nodes import BLOCKS, EXPLAINED, NODES, TOOLS, load, target_of
+from turtlebot_gym_ros.nodes import BLOCKS, NODES, TOOLS, load, target_of
 
 HELP = """usage: python -m turtlebot_gym_ros NODE [NODE ...] [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
 
@@ -51,7 +51,8 @@ def _run(argv: Sequence[str] | None) -> int:
         nodes, tools = ("\n".join(f"  {each:<20} {help}" for each, (_, help) in of.items()) for of in (NODES, TOOLS))
         print(HELP.format(nodes=nodes, tools=tools))
         return 0
-    names = [name, *takewhile(NODES.__contains__, rest if name in EXPLAINED else [])]
+    takes_ros_arguments = name in (*BLOCKS, "data_logger")
+    names = [name, *takewhile(NODES.__contains__, rest if takes_ros_arguments else [])]
     try:
         target_of(name)
         if len(names) > 1 and (others := [each for each in names if each not in BLOCKS]):
@@ -61,7 +62,7 @@ def _run(argv: Sequence[str] | None) -> int:
         return 2
     prepare()
     try:
-        if name in EXPLAINED and {"-h", "--help"} & {*rest}:
+        if takes_ros_arguments and {"-h", "--help"} & {*rest}:
             print("\n\n".join(map(_explained, names)))
             return 0
         entry = load(name)

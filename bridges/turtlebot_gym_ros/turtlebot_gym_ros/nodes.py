@@ -35,8 +35,6 @@ MODES = {
 """The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""
 BLOCKS = tuple(name for name, (target, _) in NODES.items() if target.startswith("blocks."))
 """The nodes that are blocks in the shell rather than separate programs."""
-EXPLAINED = (*BLOCKS, "data_logger")
-"""The nodes that take ROS arguments; all others, and the tools, parse options of their own."""
 
 
 def target_of(name: str) -> str:

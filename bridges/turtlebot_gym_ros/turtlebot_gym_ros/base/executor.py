@@ -1,10 +1,8 @@
 """An executor that is fast for the messages on which steps depend; like that of the guard, it uses private names of rclpy.
 
-rclpy's executor collects all entities of all nodes each time it wakes, about fifty for a graph in one process, and wakes for
-each message: a step of lock-step takes twice the CPU with it. Its EventsExecutor does not work in this release: ``spin``
-delivers nothing, and a callback that takes a message's info raises. `FastExecutor` waits separately for the few entities that a
-step depends on, and serves all others every `OTHERS` seconds in the same thread. In other executors these entities belong to
-their node's default group, so nodes work there, too, only slower.
+For each message rclpy's executor collects all entities, about fifty for a graph in one process: a step of lock-step takes twice
+the CPU. Its EventsExecutor does not work in this release. `FastExecutor` waits apart for the few that a step depends on,
+and serves all others every `OTHERS` seconds in the same thread; in other executors nodes work, too, only slower.
 """
 
 from __future__ import annotations

@@ -27,11 +27,6 @@ class Common:
         if self.lock_step and not self.enable_stamped_cmd_vel:
             raise ValueError("lock_step needs enable_stamped_cmd_vel: a Twist belongs to no step, and works in real time only.")
 
-    @property
-    def body(self) -> str:
-        """The robot's frame with its prefix."""
-        return self.frame_prefix + self.body_frame
-
     def fixed(self, frame: str | None = None) -> str:
         """A frame with its prefix; None for the world frame."""
         return self.frame_prefix + (self.frame if frame is None else frame)

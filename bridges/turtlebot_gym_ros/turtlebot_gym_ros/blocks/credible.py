@@ -20,7 +20,6 @@ LEAST_VARIANCE = 1e-6
 MOST_VARIANCE = 1e4
 """Variance of a fix from which it says nothing, (100 m)^2."""
 DISAGREEMENT = Output(topic="disagreement", type=Disagreement, latched=True)
-"""The output of a filter that judges its odometry."""
 CERTAIN = {2: 27.63, 3: 30.66}
 """Normalized squared innovation that a consistent filter exceeds once in a million fixes, by degrees of freedom: twice a year
 for a fix each 10 s."""

@@ -30,7 +30,6 @@ UNSEEN = 0.15
 """Standard deviation that is added to what the filter knew of position and heading when a person lets it go on, m and rad: the
 robot took that way to stand."""
 FIX = Input(topic="pose_fix", type=Fix, required=False, max_age=1.0, lock_step="newest", aged=True, reliable=False)
-"""The further input of a filter that takes fixes."""
 _SENSES = senses_of(("odometry", "fix"))
 
 

@@ -279,7 +279,6 @@ class Localizer:
             "localization": STATES[state],
             "fitting beams": f"{located.fits:.2f}",
             "weight of the best hypothesis": f"{located.weight:.2f}",
-            "scans used": int(located.scans),
         }
         if state == LOST and self._params.when_lost == "stop":
             return {}

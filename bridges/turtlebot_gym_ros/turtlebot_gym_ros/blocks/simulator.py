@@ -34,7 +34,6 @@ SCAN_FRAMES = {"a1": "rplidar_link"}
 """Frames of LiDARs on their robots, if they are not base_scan."""
 MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
 OPEN_GROUND = ("open", "")
-"""Names of worlds without a room."""
 SHOWN_EVERY = 5
 """Steps between two pictures of the obstacles."""
 

@@ -102,18 +102,15 @@ class Graph:
             self._names = (*self._names, "people_tracker")
         if parameters.get("fix", "none") not in NO_FIX:
             parameters = {"takes_fixes": True, **parameters}
-        self._parameters = {name: self._for_node(name, parameters) for name in self._names}
-        if unknown := set(parameters).difference(*self._parameters.values()):
+        common = {"enable_stamped_cmd_vel", "frame", "body_frame", "frame_prefix"}
+        known = {name: common | load(name).Params.__dataclass_fields__.keys() for name in self._names}
+        given = {name: {key: parameters[key] for key in parameters.keys() & known[name]} for name in self._names}
+        self._parameters = {name: {"lock_step": self._lock_step, **chosen} for name, chosen in given.items()}
+        if unknown := set(parameters).difference(*known.values()):
             raise ValueError(f"no node of mode {mode!r} has a parameter {', '.join(sorted(unknown))}.")
-        self.in_room = parameters.get("world", "open") not in OPEN_GROUND
-        """Whether the simulator is in a room."""
+        self._in_room = parameters.get("world", "open") not in OPEN_GROUND
         self._stamped = bool(parameters.get("enable_stamped_cmd_vel", True))
         Common(lock_step=self._lock_step, enable_stamped_cmd_vel=self._stamped)
-
-    def _for_node(self, name: str, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        known = {*load(name).Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame", "frame_prefix"}
-        chosen = {key: value for key, value in parameters.items() if key in known}
-        return {"lock_step": True, **chosen} if self._lock_step else chosen
 
     def __enter__(self) -> Graph:  # noqa: PYI034  # typing.Self needs Python 3.11
         return self.start()
@@ -126,28 +123,24 @@ class Graph:
         self._runner = Runner(executor=FastExecutor)
         self._runner.failed = self._failed.set
         try:
-            options: Any = {"stamped": self._stamped, "lock_step": self._lock_step, "room": self.in_room}
+            options: Any = {"stamped": self._stamped, "lock_step": self._lock_step, "room": self._in_room}
             self._recorder = Recorder(self._runner.context, namespace=self._namespace, **options)
             self._runner.add(self._recorder)
             self.latest, self.reports = self._recorder.latest, self._recorder.reports
-            self._start()
+            if self._in_processes:  # the command line cannot express empty text
+                nodes = [(name, {k: v for k, v in self._parameters[name].items() if v != ""}) for name in self._names]
+                words = [*OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
+                self._processes = self._ending.enter_context(processes(nodes, words))
+            for name in () if self._in_processes else self._names:
+                block, options = load(name), {"namespace": self._namespace, "context": self._runner.context}
+                given = self._parameters[name]
+                self._runner.add(Shell(block, block.Params, name=name, overrides=given, arguments=OWN_CLOCK, **options))
             self._runner.start()
             self._come_up()
         except BaseException:
             self.close()
             raise
         return self
-
-    def _start(self) -> None:
-        if self._in_processes:  # the command line cannot express empty text
-            nodes = [(name, {k: v for k, v in self._parameters[name].items() if v != ""}) for name in self._names]
-            words = [*OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
-            self._processes = self._ending.enter_context(processes(nodes, words))
-            return
-        for name in self._names:
-            block, options = load(name), {"namespace": self._namespace, "context": self._runner.context}
-            given = self._parameters[name]
-            self._runner.add(Shell(block, block.Params, name=name, overrides=given, arguments=OWN_CLOCK, **options))
 
     def _come_up(self) -> None:
         """Wait for all nodes and enable the controller: until then the robot stands, and in lock-step time does."""

@@ -113,8 +113,6 @@ class InitialPose(Fix):
 class Resume(NamedTuple):
     """A person's word that the robot may go on."""
 
-    said: bool = True
-
 
 class Stamped(NamedTuple):
     """A value measured before the step: any output may be one, and inputs with ``aged`` are."""

@@ -56,12 +56,10 @@ _PLANAR = (0, 7, 35)
 """Places of the variances of x, y and heading in a row-major covariance of x y z roll pitch yaw."""
 _BESIDE = (1, 6), (5, 30), (11, 31)  # of x and y, x and yaw, y and yaw
 _NOT_KNOWN = -1.0
-"""Variance of what is not known."""
 _BY_EYE = (0.25, 0.25, (math.pi / 12.0) ** 2)
 """Variances of x, y and heading of an initial pose that states none, m^2, m^2, rad^2: those of RViz's 2D Pose Estimate
 (rviz_default_plugins, ``initial_pose_tool.cpp``)."""
 _NO_TF = "publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or take ROS from RoboStack with pixi."
-"""Refusal of a node that would publish on ``/tf``."""
 
 CONVERSIONS: dict[type, Conversion] = dict(ROOM_CONVERSIONS)
 

@@ -226,7 +226,7 @@ class Inputs:
         headers = not node.get_parameter("use_sim_time").value
         options = {"lock_step": common.lock_step, "clock": self.clock, "headers": headers, "group": shell.group}
         if self.sees:
-            options["mount"] = hear_mounts(node, common.body)
+            options["mount"] = hear_mounts(node, common.fixed(common.body_frame))
         ways = {key: conversion_of(source, stamped=common.enable_stamped_cmd_vel) for key, source in declared.items()}
         self.feeds = {key: Feed(source, ways[key], **options) for key, source in declared.items()}
         """The inputs by name."""

@@ -24,11 +24,6 @@ from turtlebot_gym_ros.node.geometry import write_pose
 NAME = "navigate_to_pose"
 NAVIGATOR = "bt_navigator"
 """Name of Nav2's node that serves it."""
-MISSING = (
-    f"the action {NAME} is not offered, since nav2_msgs is missing: install it with ROS (ros-DISTRO-nav2-msgs), or take ROS "
-    "from RoboStack with pixi."
-)
-"""Remark of a node that would offer the action."""
 
 
 class _ActionServer(ActionServer):
@@ -134,5 +129,7 @@ def offer(node: Node, block: Any, feeds: Mapping[str, Feed], common: Common) -> 
         return NavigateToPose(node, block, partial(feeds["goal"].read, frame=common.fixed()), common.fixed())
     except ModuleNotFoundError:
         if not common.lock_step:
-            node.get_logger().info(MISSING)
+            node.get_logger().info(
+                f"the action {NAME} is not offered: nav2_msgs is missing (ros-DISTRO-nav2-msgs, or RoboStack)."
+            )
         return None

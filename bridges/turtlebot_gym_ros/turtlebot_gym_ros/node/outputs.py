@@ -27,7 +27,7 @@ class Outputs:
     """The publishers of a block, and the conversion of its values to messages; ``time`` returns the stamp of a command, ns."""
 
     def __init__(self, node: Node, declared: Mapping[str, Output], common: Common, time: Callable[[], int]) -> None:
-        lock_step = common.lock_step
+        lock_step, self._body = common.lock_step, common.fixed(common.body_frame)
         self._declared, self._common, self._time = declared, common, time
         self._ways = {key: conversion(output.type, stamped=common.enable_stamped_cmd_vel) for key, output in declared.items()}
         self._publishers = {}
@@ -39,7 +39,7 @@ class Outputs:
         self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
         mounts = [output.mount for output in declared.values() if output.mount]
         if mounts and (tf := next((key for key, output in declared.items() if output.type is Transform), None)):
-            kind, header = self._ways[tf].message, Header(frame_id=common.body)
+            kind, header = self._ways[tf].message, Header(frame_id=self._body)
             there = [transform_to(common.fixed(mount.frame), Pose(mount.x, mount.y, mount.yaw), header) for mount in mounts]
             self._static = node.create_publisher(kind, "/tf_static", LATCHED)
             self._static.publish(kind(transforms=there))
@@ -66,16 +66,16 @@ class Outputs:
         if isinstance(value, Stamped):
             value, stamp = value.value, stamp - round(value.age * SECOND)
         way, mount, is_command = self._ways[key], self._declared[key].mount, self._declared[key].type is Command
-        body = self._common.fixed(mount.frame) if mount else self._common.body
+        body = self._common.fixed(mount.frame) if mount else self._body
         frame = self._common.fixed(self._declared[key].frame) if way.in_world else body
         rests = is_command and not self._common.lock_step
         at = self._time() if rests else stamp
         message = way.write(value, Header(stamp=Time(nanoseconds=at).to_msg(), frame_id=frame))
         if hasattr(message, "child_frame_id"):
-            message.child_frame_id = self._common.body
+            message.child_frame_id = self._body
         for transform in getattr(message, "transforms", ()):
             child = transform.child_frame_id
-            transform.child_frame_id = self._common.fixed(child) if child else self._common.body
+            transform.child_frame_id = self._common.fixed(child) if child else self._body
         return message
 
     def publish(self, messages: Mapping[str, Any]) -> None:

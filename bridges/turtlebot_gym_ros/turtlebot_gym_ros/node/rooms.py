@@ -37,10 +37,6 @@ LIFETIME = 3.0
 GREY = ColorRGBA(r=0.35, g=0.35, b=0.35, a=1.0)
 
 
-def _read_scan(message: LaserScan) -> Scan:
-    return read_scan(scan_of(message))
-
-
 def _write_scan(scan: Scan, header: Header) -> LaserScan:
     return LaserScan(
         header=header,
@@ -120,16 +116,12 @@ def _write_tracks(tracks: Tracks, header: Header) -> PointCloud2:
     return message
 
 
-def _read_tracks(message: PointCloud2) -> Tracks:
-    return Tracks(tracks_of(message).ravel().tolist())
-
-
 ROOM_CONVERSIONS: dict[type, Conversion] = {
-    Scan: Conversion(LaserScan, _read_scan, _write_scan, False),
+    Scan: Conversion(LaserScan, lambda message: read_scan(scan_of(message)), _write_scan, False),
     Obstacles: Conversion(MarkerArray, _read_obstacles, _write_obstacles, True),
     Clearance: Conversion(Range, _read_clearance, _write_clearance, False),
     GridMap: Conversion(OccupancyGrid, _read_grid, _write_grid, True),
-    Tracks: Conversion(PointCloud2, _read_tracks, _write_tracks, False),
+    Tracks: Conversion(PointCloud2, lambda message: Tracks(tracks_of(message).ravel().tolist()), _write_tracks, False),
 }
 """The conversions of this module, by the type of the value; that of a `Transform` only where its message is installed."""
 try:  # it comes with a ROS installation, and is not on PyPI
