@@ -105,7 +105,7 @@ MOVED = '<uri>model://shelf</uri><pose degrees="1">1 2 0 0 0 9</pose><static>0</
         ("<include><uri>\n https://fuel.gazebosim.org/1.0/Open/models/Shelf</uri></include>", (5.0, 5.0), "cache"),
     ],
 )
-@pytest.mark.filterwarnings("ignore:.*stand still here. shelf")
+@pytest.mark.filterwarnings("ignore:.*stands still")
 def test_includes_are_followed(tmp_path, monkeypatch, include, place, where):
     path = world(tmp_path / "a" / "worlds", include)
     if where == "cache":
@@ -121,13 +121,13 @@ def test_what_is_left_out_is_said(tmp_path):
     robot = model(BOX, name="tb", static="0", more='<joint name="wheel" type="continuous"/>')
     box, mesh = model(PILLAR, "1 2 0.5 0 0 0", name="box", static="0"), model("<mesh><uri>model://hall/wall.dae</uri></mesh>")
     heights = model("<heightmap><uri>h.png</uri></heightmap>")
-    path = world(tmp_path, box, robot, mesh, heights, "<include><uri>model://nowhere</uri></include>", '<actor name="ann"/>')
+    path = world(tmp_path, box, robot, mesh, heights, "<include><uri>model://nowhere</uri></include>")
     with pytest.warns(UserWarning, match=".") as said:
         plan = read_gazebo(path)
     np.testing.assert_allclose(middle(plan), (1.0, 2.0), atol=1e-6)
-    texts = sorted(str(notice.message) for notice in said)
-    named = ["a heightmap", "robots: tb.", "model://nowhere", ": ann.", "here: box.", "'model://hall/wall.dae'"]
-    assert all(text.startswith("a.world: ") and name in text for text, name in zip(texts, named, strict=True))
+    texts = "".join(str(notice.message) for notice in said)
+    for name in ("'box' can be moved", "'tb' is left out", "'model://hall/wall.dae'", "a heightmap", "model://nowhere"):
+        assert name in texts
 
 
 @pytest.mark.parametrize(

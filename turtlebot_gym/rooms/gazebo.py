@@ -38,8 +38,6 @@ ENOUGH = 1.0
 """Least enclosed ground in which starts and goals are drawn, m^2."""
 _SIDES = 48
 """Corners of what is round."""
-_NAMED = 6
-"""Most names in a warning."""
 
 
 def read_gazebo(path: str | Path) -> FloorPlan:
@@ -48,34 +46,25 @@ def read_gazebo(path: str | Path) -> FloorPlan:
     Robots are left out; other models that can be moved stand still. Starts and goals are drawn in what the contents enclose, if
     they do; walls are added around everything. For where models are searched for, see `sdf.read_sdf`.
 
-    A warning names each thing that is left out but may be an obstacle, and models that can be moved.
-
     Args:
         path: An SDF file, ``.world`` or ``.sdf``.
 
     Raises:
         ValueError: If a file cannot be read, or nothing in it is an obstacle.
+
+    Warns:
+        UserWarning: Of each thing that is left out but may be an obstacle, and of models that can be moved.
     """
-    unread: dict[str, str] = {}
-    world = read_sdf(Path(path))
-    bodies = [body for collision in world.collisions for body in _bodies(collision, unread)]
-    notices = [f"{what} is left out: {reason}" for what, reason in unread.items()]
-    for text, names in world.notices.items():
-        listed = list(dict.fromkeys(names))
-        if listed:
-            notices.append(f"{text}: {', '.join(listed[:_NAMED])}{', ...' * (len(listed) > _NAMED)}")
+    bodies = [body for collision in read_sdf(Path(path)) for body in _bodies(collision)]
     outlines = [(outline, body.is_volume) for body in bodies if len(outline := _outline(body))]
     if not outlines:
-        said = f" ({'; '.join(notices)})" if notices else ""
-        raise ValueError(f"{str(path)!r} holds no obstacle at the height of a robot{said}.")
-    for text in notices:
-        warnings.warn(f"{Path(path).name}: {text}.", stacklevel=2)
+        raise ValueError(f"{str(path)!r} holds no obstacle at the height of a robot.")
     grid = _map_of(outlines)
     return FloorPlan(walls=grid.walls(), map=grid)
 
 
-def _bodies(collision: Collision, unread: dict[str, str]) -> list[trimesh.Trimesh]:
-    """Return the connected bodies of a collision in the world; what cannot be read is noted with the reason."""
+def _bodies(collision: Collision) -> list[trimesh.Trimesh]:
+    """Return the connected bodies of a collision in the world; a warning names what cannot be read."""
     bodies: list[Any] = []
     for shape in collision.geometry:
         if shape.tag == "box":
@@ -90,10 +79,9 @@ def _bodies(collision: Collision, unread: dict[str, str]) -> list[trimesh.Trimes
             try:
                 bodies.extend(body for mesh in _meshes(shape) for body in mesh.apply_scale(scale).split(only_watertight=False))
             except Exception as error:  # each format has errors of its own, and a missing reader yet another
-                what = f"the mesh {shape.findtext('uri', '').strip()!r}"
-                unread[what] = " ".join(f"{error or type(error).__name__}".split()).rstrip(".")
+                warnings.warn(f"the mesh {shape.findtext('uri', '').strip()!r} is left out: {error!r}", stacklevel=2)
         elif shape.tag not in ("plane", "empty"):
-            unread[f"a {shape.tag}"] = "it is not read here"
+            warnings.warn(f"a {shape.tag} is left out: it is not read here", stacklevel=2)
     return [body.apply_transform(collision.pose) for body in bodies]
 
 
@@ -113,7 +101,7 @@ def _meshes(shape: Element) -> list[Any]:
     """
     path, part = shape.get("path", ""), shape.findtext("submesh/name", "").strip()
     if not path:
-        raise ValueError(MISSING.removeprefix("left out, since "))
+        raise ValueError(MISSING)
     scene: Any = trimesh.load_scene(path)
     names = [name for name in scene.graph.nodes_geometry if not part or part in (name, scene.graph[name][1])]
     meshes = [scene.geometry[scene.graph[name][1]].copy().apply_transform(scene.graph[name][0]) for name in names]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections import defaultdict
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote, urlsplit
@@ -19,8 +19,8 @@ from turtlebot_gym.config import LARGEST
 
 SEARCHED = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH")
 """Environment variables with folders of models, of new and of classic Gazebo."""
-MISSING = f"left out, since not found ({', '.join(SEARCHED)}, beside the world, and in models there and above)"
-"""What is said of included models that are not found."""
+MISSING = f"it is not found ({', '.join(SEARCHED)}, beside the world, and in models there and above)"
+"""What is said of models and meshes that are not found."""
 _LEVELS = 3
 """Folders above a world in which models are searched for."""
 _OWN_FRAME = ("", "__model__", "__root__", "world")
@@ -35,15 +35,7 @@ class Collision(NamedTuple):
     """Each ``<mesh>`` in it has the attribute ``path``: its file, empty if there is none."""
 
 
-class SdfWorld(NamedTuple):
-    """What an SDF file holds."""
-
-    collisions: list[Collision]
-    notices: defaultdict[str, list[str]]
-    """Names of models that are left out, or taken in another way than by Gazebo, by what is to be said of them."""
-
-
-def read_sdf(path: Path) -> SdfWorld:
+def read_sdf(path: Path) -> list[Collision]:
     """Read the collisions of a world, or of a model.
 
     Models are searched for along `SEARCHED`, in ROS's packages, beside the world and above it, in ``models`` there, and, those
@@ -51,15 +43,16 @@ def read_sdf(path: Path) -> SdfWorld:
 
     Raises:
         ValueError: If a file cannot be read, or a pose is malformed or relative to a named frame.
+
+    Warns:
+        UserWarning: Of models that are left out, or that can be moved: they stand still.
     """
     root = _parse(path)
     folders = [Path(folder) for variable in SEARCHED for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
     folders += [part for above in path.resolve().parents[: _LEVELS + 1] for part in (above, above / "models")]
     folders += [Path(prefix, "share") for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
-    found = SdfWorld([], defaultdict(list))
     world = root.find("world")
-    _add(found, root if world is None else world, np.eye(4), folders, is_static=False)
-    return found
+    return [*_collisions(root if world is None else world, np.eye(4), folders, is_static=False)]
 
 
 def _parse(path: Path) -> Element:
@@ -69,38 +62,37 @@ def _parse(path: Path) -> Element:
         raise ValueError(f"{str(path)!r} is not a Gazebo world: {error}.") from error
 
 
-def _add(found: SdfWorld, parent: Element, pose: NDArray[np.float64], folders: Sequence[Path], *, is_static: bool) -> None:
-    """Add a model or a world with a pose, and what it holds."""
-    found.notices["left out, since their ways are not read"] += [actor.get("name", "") for actor in parent.findall("actor")]
+def _collisions(parent: Element, pose: NDArray[np.float64], folders: Sequence[Path], *, is_static: bool) -> Iterator[Collision]:
+    """Yield the collisions of a model or a world with a pose, and of what it holds."""
     for link in parent.findall("link"):
         for collision in link.findall("collision"):
             geometry = collision.find("geometry")
             if geometry is not None:
                 for mesh in geometry.findall("mesh"):
                     mesh.set("path", str(_find(mesh.findtext("uri", ""), folders) or ""))
-                found.collisions.append(Collision(pose @ _pose_of(link) @ _pose_of(collision), geometry))
+                yield Collision(pose @ _pose_of(link) @ _pose_of(collision), geometry)
     for child in parent:
         model, inside = (child, folders) if child.tag == "model" else (None, folders)
         if child.tag == "include":
-            model, inside = _included(child, folders, found.notices[MISSING])
+            model, inside = _included(child, folders)
         if model is None:
             continue
         stands, name = is_static or model.findtext("static", "0").strip().lower() in ("1", "true"), model.get("name", "")
         if not stands and any(joint.get("type") in ("revolute", "continuous") for joint in model.iter("joint")):
-            found.notices["left out as robots"].append(name)
+            warnings.warn(f"the model {name!r} is left out: it is a robot", stacklevel=2)
             continue
         if not stands and model.find("link/collision") is not None:
-            found.notices["models that are not static stand still here"].append(name)
-        _add(found, model, pose @ _pose_of(model), inside, is_static=stands)
+            warnings.warn(f"the model {name!r} can be moved: here it stands still", stacklevel=2)
+        yield from _collisions(model, pose @ _pose_of(model), inside, is_static=stands)
 
 
-def _included(include: Element, folders: Sequence[Path], missing: list[str]) -> tuple[Element | None, Sequence[Path]]:
+def _included(include: Element, folders: Sequence[Path]) -> tuple[Element | None, Sequence[Path]]:
     """Return the model that is included, with what ``<include>`` overrides, and where it searches; None without one."""
     uri = include.findtext("uri", "").strip()
     path = _find(uri, folders)
     if path is None:
         if uri.rpartition("/")[2].replace("_", " ").lower() not in ("ground plane", "sun"):
-            missing.append(uri)
+            warnings.warn(f"{uri} is left out: {MISSING}", stacklevel=2)
         return None, folders
     path = path / "model.sdf" if path.is_dir() else path
     model = _parse(path).find("model")
