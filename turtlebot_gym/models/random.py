@@ -23,7 +23,7 @@ PROCESS, POSITION, HEADING, EVENTS, SLIP, START, GOAL, LEAP, COUNT = range(9)
 
 # Uses of an episode that draw more numbers in a step than there are streams: each has its own key, see `sub_key`.
 ROOM, SCAN, FIX, SENSOR = 1, 2, 3, 4
-MAP, GOALS = 6, 7
+GOALS = 7
 
 
 @kernel

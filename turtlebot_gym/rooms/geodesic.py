@@ -8,7 +8,7 @@ is more than half a diagonal, so a robot that follows a path stays clear all alo
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -81,10 +81,55 @@ def centre_of(scene: Scene, row: int, column: int) -> tuple[float, float]:
     return x, y
 
 
+class Grid(NamedTuple):
+    """Cells over a room."""
+
+    cells: Any
+    """Shape (rows, columns), or more."""
+    rows: int
+    columns: int
+    x: float
+    """Lower left corner, m."""
+    y: float
+    side: float
+    """Side of a cell, m."""
+
+
 @kernel
-def _block_outside(scene: Scene, clearance: float) -> None:
-    """Mark the cells that walls or the map block, and no others."""
-    (rows, columns), walls, squares = extent(scene), scene.room.walls, scene.room.squares
+def _mark_around(grid: Grid, value: Any, shape: Any, reach_x: float, reach_y: float, clearance: float) -> None:
+    """Mark the cells nearer than ``clearance`` to a circle or a box, a row of its array, all of which are within a reach."""
+    cells, rows, columns, left, bottom, side = grid
+    x, y, round_one = shape[0], shape[1], len(shape) == 5
+    for row in range(max(int((y - reach_y - bottom) / side), 0), min(int((y + reach_y - bottom) / side) + 1, rows)):
+        for column in range(max(int((x - reach_x - left) / side), 0), min(int((x + reach_x - left) / side) + 1, columns)):
+            dx, dy = x - (left + (column + 0.5) * side), y - (bottom + (row + 0.5) * side)
+            away = distance_to_circle(dx, dy, shape[2]) if round_one else distance_to_box(dx, dy, shape)
+            if away < clearance:
+                cells[row, column] = value
+
+
+@kernel
+def mark_obstacles(grid: Grid, value: Any, scene: Scene, clearance: float) -> None:
+    """Write a value into the cells whose centres are nearer than ``clearance`` to a room's static obstacles."""
+    for k in range(scene.room.counts[0]):
+        circle = scene.room.circles[k]
+        if circle[3] == 0.0 and circle[4] == 0.0:
+            reach = circle[2] + clearance
+            _mark_around(grid, value, circle, reach, reach, clearance)
+    for k in range(scene.room.counts[1]):
+        box = scene.room.boxes[k]
+        cosine, sine = abs(box[4]), abs(box[5])
+        reach_x, reach_y = cosine * box[2] + sine * box[3] + clearance, sine * box[2] + cosine * box[3] + clearance
+        _mark_around(grid, value, box, reach_x, reach_y, clearance)
+
+
+@kernel
+def block(scene: Scene, clearance: float) -> None:
+    """Mark the cells whose centres are nearer than ``clearance`` to the walls or to static obstacles.
+
+    On a map, also mark those whose centres are not known to be free.
+    """
+    (rows, columns), walls, squares, ways = extent(scene), scene.room.walls, scene.room.squares, scene.room.ways
     reach = clearance / scene.room.frame[4] if squares.shape[1] > 0 else 0.0
     for row in range(rows):
         for column in range(columns):
@@ -94,40 +139,8 @@ def _block_outside(scene: Scene, clearance: float) -> None:
                 across, along = to_cells(scene.room.frame, x, y)
                 known = is_on_map(squares, across, along) and scene.room.known[int(along), int(across)] != 0
                 blocked = blocked or not known or distance_to_cells(squares, across, along, reach) < reach
-            scene.room.ways[row, column] = _BLOCKED if blocked else UNREACHED
-
-
-@kernel
-def _block_around(scene: Scene, x: float, y: float, reach_x: float, reach_y: float, shape, clearance: float) -> None:
-    """Mark the cells nearer than ``clearance`` to a circle or a box, a row of its array, which reaches so far from (x, y)."""
-    first_row, first_column = cell_of(scene, x - reach_x, y - reach_y)
-    last_row, last_column = cell_of(scene, x + reach_x, y + reach_y)
-    for row in range(first_row, last_row + 1):
-        for column in range(first_column, last_column + 1):
-            to_x, to_y = centre_of(scene, row, column)
-            round_one = len(shape) == 5
-            away = distance_to_circle(x - to_x, y - to_y, shape[2]) if round_one else distance_to_box(x - to_x, y - to_y, shape)
-            if away < clearance:
-                scene.room.ways[row, column] = _BLOCKED
-
-
-@kernel
-def block(scene: Scene, clearance: float) -> None:
-    """Mark the cells whose centres are nearer than ``clearance`` to the walls or to static obstacles.
-
-    On a map, also mark those whose centres are not known to be free.
-    """
-    _block_outside(scene, clearance)
-    for k in range(scene.room.counts[0]):
-        circle = scene.room.circles[k]
-        if circle[3] == 0.0 and circle[4] == 0.0:
-            reach = circle[2] + clearance
-            _block_around(scene, circle[0], circle[1], reach, reach, circle, clearance)
-    for k in range(scene.room.counts[1]):
-        box = scene.room.boxes[k]
-        cosine, sine = abs(box[4]), abs(box[5])
-        reach_x, reach_y = cosine * box[2] + sine * box[3] + clearance, sine * box[2] + cosine * box[3] + clearance
-        _block_around(scene, box[0], box[1], reach_x, reach_y, box, clearance)
+            ways[row, column] = _BLOCKED if blocked else UNREACHED
+    mark_obstacles(Grid(ways, rows, columns, walls[0] - walls[2], walls[1] - walls[3], RESOLUTION), _BLOCKED, scene, clearance)
 
 
 @kernel

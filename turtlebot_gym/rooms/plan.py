@@ -105,5 +105,5 @@ class FloorPlan:
             field, frame = scenes.memory.field[:1].copy(), np.zeros((1, 5))
         shared = scenes._replace(memory=scenes.memory._replace(field=field, field_frame=frame))
         if not self.map:
-            chart(self.put(scene_at(shared, 0)), self.rules(), 0)
+            chart(self.put(scene_at(shared, 0)))
         return shared

@@ -65,12 +65,6 @@ class RoomRules:
     """Least distance between start and goal, m."""
     max_distance: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Greatest distance between start and goal along each axis, m, if the start is known before the goal is drawn."""
-    unmapped: Annotated[float, PROBABILITY] = 0.0
-    """Share of the obstacles that a localizer's map of a drawn room lacks."""
-    vanished: Annotated[float, PROBABILITY] = 0.0
-    """Obstacles in that map that have vanished from the room, as a share of those in it; each is like one of them, anywhere."""
-    map_error: Annotated[float, NON_NEGATIVE] = 0.0
-    """Distance by which each obstacle in that map is off, in a direction of its own, and at most each wall, m."""
     start: tuple[float, ...] = ANYWHERE
     """Start pose of the robot; NaN to draw it."""
     goal: tuple[float, ...] = ANYWHERE

@@ -1,7 +1,6 @@
 """A robot in a room that reads its scans: it localizes itself by each complete one, or tracks what moves.
 
-The localizer's map is that of the room: the cells of a given map, or the drawn room as cells of 5 cm, in which rules may leave
-out and move obstacles.
+The localizer's map is that of the room: the cells of a given map, or the drawn room as cells of 5 cm.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from turtlebot_gym.localization.localizer import locate, move
 from turtlebot_gym.localization.points import Timing, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import TWO_PI
-from turtlebot_gym.models.random import MAP, sub_key
 from turtlebot_gym.models.unicycle import execution_variances
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.rooms.grid import chart, extent
@@ -116,7 +114,7 @@ def localizing(system: System) -> System:
     def lay_out(key, p, scene):
         start, goal = lay_out_before(key, p, scene)
         if p.room.rules.kind != GIVEN:
-            chart(scene, p.room.rules, sub_key(key, MAP))
+            chart(scene)
         return start, goal
 
     @kernel
