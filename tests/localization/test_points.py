@@ -23,7 +23,7 @@ def scan():
     """Return the scene after a revolution on the way through the poses."""
     scene, half = PLAN.scene(beams=LIDAR.beams), LIDAR.beams // 2
     aim(scene.lidar.beams, LIDAR)
-    divide(scene.lidar.spans, LIDAR.yaw, LIDAR.beams)
+    divide(scene.lidar.spans, scene.lidar.beams, LIDAR.yaw, LIDAR.beams)
     for at in (1, 2):
         measure(scene, POSES[at - 1], POSES[at], (at - 1) * half, at * half, (at - 1) * DT, 1, LIDAR, DT)
     return scene

@@ -18,7 +18,7 @@ from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, SIGHT, Lidar, age_of_scan
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.rooms.scene import Walls
-from turtlebot_gym.rooms.sectors import NEAR, divide, leave_out_blind, pool
+from turtlebot_gym.rooms.sectors import NEAR, divide, pool
 from turtlebot_gym.rooms.sensing import measure
 from turtlebot_gym.systems import make_parameters, make_room, system_of
 from turtlebot_gym.tasks import ROOM
@@ -32,8 +32,7 @@ def room(half_length, half_width, lidar):
     """Return an empty room with a LiDAR in it."""
     scene = FloorPlan(walls=(0.0, 0.0, half_length, half_width)).scene(beams=lidar.beams)
     aim(scene.lidar.beams, lidar)
-    divide(scene.lidar.spans, lidar.yaw, lidar.beams)
-    leave_out_blind(scene.lidar.spans, scene.lidar.beams, lidar.beams)
+    divide(scene.lidar.spans, scene.lidar.beams, lidar.yaw, lidar.beams)
     return scene
 
 
@@ -92,7 +91,7 @@ def test_a_sector_holds_its_shortest_range_and_what_is_not_measured_is_free(beam
     sent = np.where(lost, random.choice([np.inf, np.nan, -1.0], beams), ranges).astype(np.float32)
     ranges[lost] = np.inf
     spans, sectors = np.zeros((SECTORS, 2), np.int64), np.zeros(SECTORS, np.float32)
-    divide(spans, yaw, beams)
+    divide(spans, np.zeros((3, beams)), yaw, beams)
     pool(sent, spans, beams, sectors)
     angles = yaw + 2.0 * np.pi * np.arange(beams) / beams
     for sector, shown in enumerate(sectors):

@@ -184,28 +184,20 @@ def _furnish(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
 
 
 @kernel
-def _place(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: float, key: int, at: int) -> Pose:
-    """Return a given pose, or one drawn in a fifth of the room, or anywhere."""
+def _place(
+    scene: Scene, rules: RoomRules, given: tuple[float, ...], share: float, near: Pose, far: float, key: int, at: int
+) -> Pose:
+    """Return a given pose, or one drawn: near another one, at most ``far`` along each axis, in a fifth of the room, or anywhere."""
     walls = scene.room.walls
     u1, u2 = uniforms(key, at, 0)
     u3, _ = uniforms(key, at, 1)
     along = share + 0.2 * u1 if rules.through else u1
     x, y = walls[0] + (2.0 * along - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
+    if far < math.inf:
+        x = _between(max(near.x - far, walls[0] - walls[2]), min(near.x + far, walls[0] + walls[2]), u1)
+        y = _between(max(near.y - far, walls[1] - walls[3]), min(near.y + far, walls[1] + walls[3]), u2)
     drawn = math.isnan(given[0])
     return Pose(x if drawn else given[0], y if drawn else given[1], wrap(TWO_PI * u3) if drawn else given[2])
-
-
-@kernel
-def _goal_near(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: float, start: Pose, key: int, at: int) -> Pose:
-    """Return a given goal, or one drawn close enough to the start, in a fifth of the room or anywhere."""
-    walls, far = scene.room.walls, rules.max_distance
-    goal = _place(scene, rules, given, share, key, at)
-    if not math.isnan(given[0]) or far == math.inf:
-        return goal
-    u1, u2 = uniforms(key, at, 0)
-    x = _between(max(start.x - far, walls[0] - walls[2]), min(start.x + far, walls[0] + walls[2]), u1)
-    y = _between(max(start.y - far, walls[1] - walls[3]), min(start.y + far, walls[1] + walls[3]), u2)
-    return Pose(x, y, goal.theta)
 
 
 @kernel
@@ -229,10 +221,9 @@ def _is_run_into(scene: Scene, start: Pose, rules: RoomRules, radius: float, dt:
         walk(scene, start, start, radius, rules, dt)
         near = near or _is_beside_a_walker(scene, start.x, start.y, radius + MARGIN)
     for k in range(scene.room.counts[0]):
-        for column in range(5):
-            scene.room.circles[k, column] = circles[k, column]
-        for column in range(6 if rules.people else 0):
-            scene.room.people[k, column] = people[k, column]
+        scene.room.circles[k] = circles[k]
+        if rules.people:
+            scene.room.people[k] = people[k]
     return near
 
 
@@ -260,8 +251,9 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int, dt: float) -> 
             block(scene, radius + MARGIN)
         to_be_blocked = rules.kind != GIVEN
         for place in range(ATTEMPTS):
-            start = _place(scene, rules, rules.start, 0.0, room_key, first + _PLACES + 2 * place)
-            goal = _goal_near(scene, rules, rules.goal, _END, start, room_key, first + _PLACES + 2 * place + 1)
+            start = _place(scene, rules, rules.start, 0.0, goal, math.inf, room_key, first + _PLACES + 2 * place)
+            at = first + _PLACES + 2 * place + 1
+            goal = _place(scene, rules, rules.goal, _END, start, rules.max_distance, room_key, at)
             dx, dy = goal.x - start.x, goal.y - start.y
             far = dx * dx + dy * dy >= rules.min_distance * rules.min_distance
             drawn = math.isnan(rules.start[0])
@@ -288,7 +280,8 @@ def draw_next(scene: Scene, rules: RoomRules, before: Pose, key: int, number: in
     goal, farthest, goals_key = before, -1.0, sub_key(key, GOALS)
     for attempt in range(ATTEMPTS):
         at = number * ATTEMPTS + attempt
-        drawn = _goal_near(scene, rules, ANYWHERE, _END if number % 2 == 0 else 0.0, before, goals_key, at)
+        share = _END if number % 2 == 0 else 0.0
+        drawn = _place(scene, rules, ANYWHERE, share, before, rules.max_distance, goals_key, at)
         row, column = cell_of(scene, drawn.x, drawn.y)
         dx, dy = drawn.x - before.x, drawn.y - before.y
         far = sqrt(dx * dx + dy * dy)

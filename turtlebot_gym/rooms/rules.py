@@ -73,16 +73,15 @@ class RoomRules:
     def __post_init__(self) -> None:
         check_fields(self)
         choose("RoomRules.kind", self.kind, dict.fromkeys(KINDS.values()))
-        most = {} if self.kind == GIVEN else {"circles": MAX_CIRCLES, "boxes": MAX_BOXES}
-        for name, kind in (("circles", "whole number"), ("boxes", "whole number"), ("radius", "value"), ("speed", "value")):
+        is_drawn = self.kind != GIVEN
+        for name in ("circles", "boxes", "radius", "speed"):
             low, high = getattr(self, name)
-            parts = kind == "whole number" and (low % 1.0 or high % 1.0)
-            if low > high or parts or high > most.get(name, high):
-                limit = f", at most {most[name]}" if name in most else ""
-                raise refusal(f"RoomRules.{name}", f"a least and a greatest {kind}{limit}", (low, high))
-        if self.kind != GIVEN:
-            for name in ("half_length", "half_width"):
-                Range(0.0, MAX_HALF, unit="m").check(f"RoomRules.{name}", getattr(self, name))
+            most = {"circles": MAX_CIRCLES, "boxes": MAX_BOXES}.get(name) if is_drawn else None
+            if low > high or (most and (low % 1.0 or high % 1.0 or high > most)):
+                limit = f" whole number, at most {most}" if most else " value"
+                raise refusal(f"RoomRules.{name}", f"a least and a greatest{limit}", (low, high))
+        for name in ("half_length", "half_width") if is_drawn else ():
+            Range(0.0, MAX_HALF, unit="m").check(f"RoomRules.{name}", getattr(self, name))
         for name in ("start", "goal"):
             pose = getattr(self, name)
             if len(pose) != 3 or not (all(map(math.isnan, pose)) or all(abs(value) <= LARGEST for value in pose)):

@@ -27,31 +27,25 @@ UNKNOWN = -1.0
 
 
 @kernel
-def divide(spans, first_angle: float, beams: int) -> None:
+def divide(spans, beams, first_angle: float, number: int) -> None:
     """Assign the beams of a scan to the sectors of a policy; a sector without a beam takes the one nearest to its middle.
 
-    Beams are evenly spaced counter-clockwise from ``first_angle`` in the robot's frame, rad. ``spans``, shape (`SECTORS`, 2),
-    receives each sector's first beam, from -beams on, and the one after its last.
+    Beams, by `lidar.aim`, are evenly spaced counter-clockwise from ``first_angle`` in the robot's frame, rad. ``spans``, shape
+    (`SECTORS`, 2), receives each sector's first beam, from -number on, and the one after its last; the same twice for a sector
+    in which all beams are blind, which is thus unknown.
     """
     for sector in range(SECTORS):
         turns = sector / SECTORS - first_angle / TWO_PI
-        middle = (turns - math.floor(turns)) * beams
-        first = math.ceil(middle - 0.5 * beams / SECTORS - 1e-9)
-        last = math.ceil(middle + 0.5 * beams / SECTORS - 1e-9)
+        middle = (turns - math.floor(turns)) * number
+        first = math.ceil(middle - 0.5 * number / SECTORS - 1e-9)
+        last = math.ceil(middle + 0.5 * number / SECTORS - 1e-9)
         first = first if last > first else math.floor(middle + 0.5)
         last = max(last, first + 1)
-        around = beams if last > beams else 0
-        spans[sector, 0], spans[sector, 1] = first - around, last - around
-
-
-@kernel
-def leave_out_blind(spans, beams, number: int) -> None:
-    """Empty the sectors of `divide` in which all of a LiDAR's beams, by `lidar.aim`, are blind: they are unknown."""
-    for sector in range(SECTORS):
+        around = number if last > number else 0
         sees = False
-        for beam in range(spans[sector, 0], spans[sector, 1]):
+        for beam in range(first - around, last - around):
             sees = sees | (beams[2, beam if beam >= 0 else beam + number] < math.inf)
-        spans[sector, 1] = spans[sector, 1] if sees else spans[sector, 0]
+        spans[sector, 0], spans[sector, 1] = first - around, last - around if sees else first - around
 
 
 @kernel

@@ -19,7 +19,7 @@ from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.lidar import LIDARS, age_of_scan, aim, beams_by
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
-from turtlebot_gym.rooms.sectors import divide, leave_out_blind
+from turtlebot_gym.rooms.sectors import divide
 from turtlebot_gym.rooms.sensing import clearance, measure
 from turtlebot_gym.rooms.walking import STANDS, walk
 from turtlebot_gym.systems.open_ground import open_ground
@@ -45,8 +45,7 @@ def _first_look(world, key, p, scene):
     """Measure a revolution at rest, before the start."""
     pose, lidar = _pose(world), p.room.lidar
     aim(scene.lidar.beams, lidar)
-    divide(scene.lidar.spans, lidar.yaw, int(lidar.beams))
-    leave_out_blind(scene.lidar.spans, scene.lidar.beams, int(lidar.beams))
+    divide(scene.lidar.spans, scene.lidar.beams, lidar.yaw, int(lidar.beams))
     measure(scene, pose, pose, -int(lidar.beams), 0, 0.0, sub_key(key, SCAN), lidar, p.dt)
     near = clearance(scene, pose.x, pose.y) - p.robot.radius
     return RoomState(pose, way_left(scene, pose.x, pose.y), near, near, 0.0, age_of_scan(0, lidar, p.dt), near < 0.0, 0.0)
