@@ -7,7 +7,6 @@ import pytest
 from localization_rooms import corridor, hall, make_room, nonsense, off, scan_of, sight
 
 from turtlebot_gym.estimation.filters import matrix
-from turtlebot_gym.localization.descent import WIDTH, agreement
 from turtlebot_gym.localization.information import Guess, blurred, condition, information
 from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, locate, move, scan, state_of
 from turtlebot_gym.localization.tuning import ROBOT, LocalizerTuning
@@ -236,13 +235,3 @@ def test_a_robot_that_no_scan_agrees_with_is_lost_after_two_seconds(in_hall, sec
     located = move(locate(Pose(*pose), KNOWN, Q), rest, rest, STOP, NO_DRIFT, seconds, Q)
     assert state_of(located, Q) == state
     assert state_of(scan(located, sight(room, points), Q), Q) == TRACKING
-
-
-def test_an_agreement_is_exact_from_the_bound_on_and_below_it_otherwise(in_hall):
-    """Starts that cannot be among the best need not be compared with all beams."""
-    room, here, points = in_hall
-    for pose in (here, (2.1, 1.5, 0.3), (2.0, 1.3, 0.8), (1.0, 2.5, -2.0)):
-        value = agreement(sight(room, points), Guess(*pose, 0.0), WIDTH)
-        for least in (0.0, 0.5 * value, value, value + 1e-3, 0.9, 1.0):
-            bounded = agreement(sight(room, points), Guess(*pose, 0.0), WIDTH, least)
-            assert bounded == value if value >= least else bounded < least

@@ -91,10 +91,3 @@ def test_files_that_are_missing_or_no_map_are_named(tmp_path, hall):
     for path, message in (("nowhere.yaml", "no map"), (hall, "no image .*map.pgm' for"), (tmp_path / "bad.yaml", "must state")):
         with pytest.raises(ValueError, match=message):
             find_world(path)
-
-
-def test_an_image_of_too_many_pixels_is_refused_before_it_is_unpacked(tmp_path, write_map):
-    path = write_map(tmp_path, image="large.png")
-    Image.new("1", (6_001, 6_000)).save(tmp_path / "large.png")
-    with pytest.raises(ValueError, match="cannot be read: it has 6001 x 6000 pixels, more than 30,000,000"):
-        find_world(path)

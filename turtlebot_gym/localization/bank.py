@@ -108,19 +108,6 @@ def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Local
     return np.column_stack((places, weights / (weights.sum() + np.exp(bank[MOST, LOG_WEIGHT]))))
 
 
-def _rate_each(row, agrees):
-    for k in range(len(row)):
-        d = 1.0 * row[k] / WIDTH
-        agrees[k] = 1.0 / (1.0 + d * d) if d == d else 0.0
-
-
-@in_loops(_rate_each)
-def _rate(row: Any, agrees: Any) -> None:
-    """Write how well an end in each cell of a row agrees with its distance, shape (n,), see `descent.agreement`."""
-    d = row.astype(np.float64) / WIDTH
-    agrees[:] = np.where(np.isnan(d), 0.0, 1.0 / (1.0 + d * d))
-
-
 def _add_each(total, column, row, x, y, agrees):
     rows, columns = agrees.shape
     for k in range(len(total)):
@@ -164,7 +151,9 @@ def seek(sight: ScanPoints, poses: Any, values: Any) -> int:
     step = max(int(SPACING / side), 1)
     agrees = np.zeros((rows + 2, columns + 2))  # a border of cells, and the unknown, agree with nothing
     for i in range(rows):
-        _rate(field[i], agrees[i + 1, 1 : columns + 1])
+        for j in range(columns):
+            d = at_cell(field, i, j) / WIDTH
+            agrees[i + 1, j + 1] = 1.0 / (1.0 + d * d) if d == d else 0.0
     column, row = np.empty((rows // step + 1) * (columns // step + 1)), np.empty((rows // step + 1) * (columns // step + 1))
     for i in range(0, rows, step):
         for j in range(0, columns, step):

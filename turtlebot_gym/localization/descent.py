@@ -40,7 +40,6 @@ SILENT_BEAMS = 0.2
 """Share of a scan's beams that may end in the unknown without a loss: a pose of which the map knows little is not confirmed."""
 AGAINST = 0.1  # share of beams that must speak against a pose to contradict it
 BLIND_STEP = 4.0  # step of a beam through the unknown, in cells
-_SLACK = 1e-6  # number of beams by which a sum of agreements must miss a bound: more than rounding
 
 
 class Descent(NamedTuple):
@@ -137,11 +136,10 @@ def widened(belief: Belief, position: float, heading: float) -> Belief:
 
 
 @kernel
-def agreement(sight: ScanPoints, at: Guess, width: float, least: float = 0.0, unknown: float = 0.0) -> float:
+def agreement(sight: ScanPoints, at: Guess, width: float, unknown: float = 0.0) -> float:
     """Return the mean over a scan's beams of ``1 / (1 + d^2 / width^2)``: a soft share of those that fit, without a prior.
 
-    The nearest cell's distance, m, is enough for it. A beam that ends in the unknown counts ``unknown``. If the result is below
-    ``least``, it only needs to be below it: the other beams are then not looked at.
+    The nearest cell's distance, m, is enough for it. A beam that ends in the unknown counts ``unknown``.
     """
     field, frame, points, number = sight
     rows, columns = field.shape
@@ -150,10 +148,8 @@ def agreement(sight: ScanPoints, at: Guess, width: float, least: float = 0.0, un
     size = per_cell / (1.0 + at.scale)
     forward, left = (cosine * frame[2] + sine * frame[3]) * size, (sine * frame[2] - cosine * frame[3]) * size
     column, row = (dx * frame[2] + dy * frame[3]) * per_cell, (dy * frame[2] - dx * frame[3]) * per_cell
-    total, enough = 0.0, least * max(number, 1) - number - _SLACK
+    total = 0.0
     for k in range(number):
-        if total - k < enough:  # even if all others agree
-            break
         across = column + forward * points[X, k] - left * points[Y, k]
         up = row + left * points[X, k] + forward * points[Y, k]
         inside = (across >= 0.0) & (up >= 0.0) & (across < columns) & (up < rows)
@@ -222,9 +218,8 @@ def _starts_around(sight: ScanPoints, belief: Belief, q: LocalizerTuning, starts
                 value = -0.5 * (dx * dx / var_x + dy * dy / var_y + dtheta * dtheta / var_theta)
                 if count == len(starts) and gain + value <= values[count - 1]:
                     continue
-                least = (float(values[count - 1]) - value) / max(gain, 1e-9) if count == len(starts) else 0.0
                 x, y, theta = mean.x + dx, mean.y + dy, mean.theta + dtheta
-                value += gain * agreement(sight, Guess(x, y, theta, 0.0), WIDTH, least)
+                value += gain * agreement(sight, Guess(x, y, theta, 0.0), WIDTH)
                 count = keep(starts, values, count, (x, y, theta), value, APART, TURNED)
     return count
 

@@ -75,7 +75,7 @@ def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints,
         bank[MOST, 0], bank[MOST, 1], bank[MOST, 2] = CLEAR, 0.0, 0.0
     if is_hypothesis and since == 0:
         bank[MOST, AGREES], bank[MOST, AGE] = 0.0, 0.0
-        worth = agreement(sight, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH, 0.0, float(bank[LAST, RIGHT]))
+        worth = agreement(sight, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH, float(bank[LAST, RIGHT]))
         bank[MOST, LOG_WEIGHT] = BONUS + gain * (worth - float(values[0]))
 
 
@@ -127,7 +127,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
     bank[LAST, OFF] += more if bank[LAST, OFF] > 0.0 else 0.0
     if has_own:
         at, own_age = Guess(mean.x, mean.y, mean.theta, located.scale.mean), float(bank[MOST, AGE])
-        explained = agreement(sight, at, FINE, 0.0, float(bank[LAST, RIGHT]))
+        explained = agreement(sight, at, FINE, float(bank[LAST, RIGHT]))
         own = FADING * own + gain_of(sight.number, q) * explained
         bank[MOST, AGREES] = banks.averaged(float(bank[MOST, AGREES]), own_age, descent.agreeing(sight, at, q))
         bank[MOST, AGE] = own_age + more

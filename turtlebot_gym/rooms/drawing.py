@@ -187,7 +187,7 @@ def _furnish(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
 def _place(
     scene: Scene, rules: RoomRules, given: tuple[float, ...], share: float, near: Pose, far: float, key: int, at: int
 ) -> Pose:
-    """Return a given pose, or one drawn: near another one, at most ``far`` along each axis, in a fifth of the room, or anywhere."""
+    """Return a given pose, or one drawn: within ``far`` of another one along each axis, in a fifth of the room, or anywhere."""
     walls = scene.room.walls
     u1, u2 = uniforms(key, at, 0)
     u3, _ = uniforms(key, at, 1)

@@ -160,9 +160,6 @@ def grid_of(message: Any) -> GridMap:
         ValueError: If the message does not hold a map.
     """
     info, origin, q = message.info, message.info.origin.position, message.info.origin.orientation
-    if info.height * info.width > MAX_CELLS:
-        number = f"{info.height * info.width:,} cells, more than {MAX_CELLS:,}"
-        raise ValueError(f"the map has {number}: save it at a coarser resolution, or cut it")
     if len(message.data) != info.height * info.width:
         raise ValueError(f"the map has {len(message.data)} cells, but {info.height} rows of {info.width}")
     return GridMap(

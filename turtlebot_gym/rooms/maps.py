@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.config import FINITE, POSITIVE, PROBABILITY, Numbers, choose, refusal
 from turtlebot_gym.files import load
-from turtlebot_gym.rooms.grid import CUT, FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.values import Pose
 
@@ -91,12 +91,7 @@ def _shades(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
     except ImportError as error:
         raise ImportError("Maps need Pillow: pip install pillow") from error
     try:
-        with warnings.catch_warnings():  # of large images, which are refused here
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            image = Image.open(path)
-        with image:
-            if image.width * image.height > MAX_CELLS:  # before it is unpacked
-                raise ValueError(f"it has {image.width} x {image.height} pixels, more than {MAX_CELLS:,}: {CUT}")
+        with Image.open(path) as image:
             if image.mode.startswith("I"):  # 16 bits
                 deep = np.asarray(image, np.float32) / 65535
                 return deep, deep

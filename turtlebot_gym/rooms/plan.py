@@ -41,8 +41,8 @@ class FloorPlan:
         if not isinstance(self.map, GridMap | None):
             raise refusal("FloorPlan.map", "a GridMap or None", self.map)
         object.__setattr__(self, "walls", walls)
-        object.__setattr__(self, "circles", self._rows("circles", (3, 5), extents=1))
-        object.__setattr__(self, "boxes", self._rows("boxes", (4, 5), extents=2))
+        object.__setattr__(self, "circles", self._rows("circles", 3))
+        object.__setattr__(self, "boxes", self._rows("boxes", 4))
         for name in ("start", "goal"):
             if (value := getattr(self, name)) is not None:
                 pose = Pose(*Numbers(FINITE, 3).check(f"FloorPlan.{name}", value))
@@ -50,18 +50,13 @@ class FloorPlan:
                 if clearance(self.scene(), pose.x, pose.y) < 0.0:
                     raise refusal(f"FloorPlan.{name}", "in the room and in no obstacle", pose)
 
-    def _rows(self, name: str, sizes: tuple[int, int], *, extents: int) -> tuple[tuple[float, ...], ...]:
-        """Return the numbers of all obstacles of a kind, completed by zeros."""
-        if not isinstance(getattr(self, name), (list, tuple)):
-            raise refusal(f"FloorPlan.{name}", "a sequence", getattr(self, name))
-        rows = []
-        for at, value in enumerate(getattr(self, name)):
-            row = Numbers(FINITE).check(f"FloorPlan.{name}[{at}]", value)
-            if len(row) not in sizes or min(row[2 : 2 + extents]) <= 0.0:
-                rule = f"{sizes[0]} or {sizes[1]} numbers with positive extents"
-                raise refusal(f"FloorPlan.{name}[{at}]", rule, value)
-            rows.append((*row, 0.0, 0.0)[:5])
-        return tuple(rows)
+    def _rows(self, name: str, least: int) -> tuple[tuple[float, ...], ...]:
+        """Return the numbers of all obstacles of a kind, the least or 5 of each, completed by zeros."""
+        rows = tuple(Numbers(FINITE).check(f"FloorPlan.{name}[{at}]", row) for at, row in enumerate(getattr(self, name)))
+        for at, row in enumerate(rows):
+            if len(row) not in (least, 5) or min(row[2:least]) <= 0.0:
+                raise refusal(f"FloorPlan.{name}[{at}]", f"{least} or 5 numbers with positive extents", row)
+        return tuple((*row, 0.0, 0.0)[:5] for row in rows)
 
     def scene(self, *, beams: int = 1) -> Scene:
         """Return a scene with the plan."""
@@ -99,10 +94,8 @@ class FloorPlan:
         scenes = self.map.share(scenes) if self.map else scenes
         if scenes.memory.field.size == 0:
             return scenes
-        if self.map:
-            field, frame = self.map.field()[None], self.map.frame[None]
-        else:
-            field, frame = scenes.memory.field[:1].copy(), np.zeros((1, 5))
+        field = self.map.field()[None] if self.map else scenes.memory.field[:1].copy()
+        frame = self.map.frame[None] if self.map else np.zeros((1, 5))
         shared = scenes._replace(memory=scenes.memory._replace(field=field, field_frame=frame))
         if not self.map:
             chart(self.put(scene_at(shared, 0)))

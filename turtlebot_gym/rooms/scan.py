@@ -81,12 +81,9 @@ def mounted(state: State, lidar: Lidar) -> Pose:
 
 def obstacles_of(scene: Scene) -> Obstacles:
     """Return the walls and obstacles of a scene, with walkers at their current positions."""
-    circles, boxes = scene.room.circles[: scene.room.counts[0], :3].tolist(), scene.room.boxes[: scene.room.counts[1]].tolist()
-    return Obstacles(
-        tuple(scene.room.walls.tolist()),
-        tuple((x, y, radius) for x, y, radius in circles),
-        tuple((x, y, 2.0 * a, 2.0 * b, math.atan2(sine, cosine)) for x, y, a, b, cosine, sine in boxes),
-    )
+    room, (n_circles, n_boxes) = scene.room, scene.room.counts
+    boxes = [(x, y, 2.0 * a, 2.0 * b, math.atan2(sine, cosine)) for x, y, a, b, cosine, sine in room.boxes[:n_boxes].tolist()]
+    return Obstacles(tuple(room.walls.tolist()), tuple(map(tuple, room.circles[:n_circles, :3].tolist())), tuple(boxes))
 
 
 def room_of(message: Any) -> Obstacles | None:

@@ -13,8 +13,6 @@ from turtlebot_gym.rooms.lidar import SECTORS
 
 RESOLUTION = 0.1
 """Side of a cell of the path grid, m."""
-MAX_CELLS = 30_000_000
-"""Most cells of the path grid: 540 m x 540 m, as many as a map may have."""
 GROUP = 8
 """Neighbouring rays that are cast together, as many as the widest vectors hold; loops over whole groups leave no rest, which
 would take as long as the whole."""
@@ -139,13 +137,7 @@ def make_scenes(
     """Return empty arrays for a number of rooms with at most so many obstacles, people (circles, too) and beams of a LiDAR.
 
     Length and width are their largest extents along x and y, m; ``same_lidar`` says whether all robots have the same LiDAR.
-
-    Raises:
-        ValueError: If the paths of such a room would take more than `MAX_CELLS`.
     """
-    if _cells(length) * _cells(width) > MAX_CELLS:
-        got = f"{length:g} x {width:g} m: cut the map, or leave out what is far away"
-        raise ValueError(f"A room must have at most {MAX_CELLS:,} cells of {RESOLUTION:g} m, got {got}.")
 
     def zeros(*shape: int, dtype: Any = np.float64) -> NDArray[Any]:
         return np.zeros((number, *shape), dtype)

@@ -210,10 +210,7 @@ def measure(
     """
     revolution, turn = int(lidar.beams), wrap(now.theta - before.theta)
     bias, sweeping, newest = bias_of(key, lidar), scene.lidar.ranges[0], scene.lidar.ranges[1]
-    rays = np.empty(ROOM) if is_plain() else compiled_scratch(ROOM)  # on the stack, without a call of the allocator
-    # Plain Python warns about numbers left from before; compiled, np.zeros would be a function that nothing links.
-    for k in range(ROOM if is_plain() else 0):
-        rays[k] = 0.0
+    rays = np.zeros(ROOM) if is_plain() else compiled_scratch(ROOM)  # on the stack, without a call of the allocator
     share = 1.0 / (lidar.beams * lidar.rate * dt) if lidar.turning else 0.0  # of the interval, from one beam to the next
     sweep, arm = TWO_PI / lidar.beams + share * turn, abs(lidar.x) + abs(lidar.y)
     drift = share * (abs(now.x - before.x) + abs(now.y - before.y) + arm * abs(turn))

@@ -72,13 +72,8 @@ def find_lidar(lidar: str | Path | Mapping[str, Any] | Lidar) -> Lidar:
 
 
 def require_a_way(plan: FloorPlan, radius: float, way: float) -> None:
-    """Refuse a floor plan without a path from start to goal for a robot of a radius, m, by `geodesic.way_left` at the start.
-
-    Raises:
-        ValueError: If there is no path from its start to its goal, or between any two places that were tried.
-    """
+    """Refuse a floor plan, by `geodesic.way_left` at the start, without a path for a robot of a radius, m."""
     if way == UNKNOWN:
         where = "from its start to its goal" if plan.start and plan.goal else "between the places that were drawn"
-        raise ValueError(
-            f"The floor plan has no way {where} for a robot of radius {radius:g} m that keeps {MARGIN:g} m to everything."
-        )
+        robot = f"a robot of radius {radius:g} m that keeps {MARGIN:g} m to everything"
+        raise ValueError(f"The floor plan has no way {where} for {robot}.")
