@@ -28,7 +28,6 @@ UNSEEN = 777_000_000  # seed of the first unseen episode
 RECIPES = {
     "Nav": ("nav", "bearing", ()),
     "Nav, 40,960 steps": ("nav", "bearing", ("--steps", "40960")),
-    "Nav, until success=1.0": ("nav", "bearing", ("--steps", "40960", "--until", "success=1.0")),
     "Square": ("square", "corner", ()),
     "Pose": ("pose", "ppo-pose", ()),
 }

@@ -92,19 +92,15 @@ class Training(Result):
         return (table,)
 
     def verdict(self) -> str:
-        """Return how many of the goals the best models reach, and how many trainings have reached ``until``."""
-        shares, until = [100.0 * result.best["success"] for result in self.results.values()], self.config.until
+        """Return how many of the goals the best models reach."""
+        shares = [100.0 * result.best["success"] for result in self.results.values()]
         value, low, high = metrics.mean(shares)
         among = f"{min(shares):.1f} to {max(shares):.1f}" if min(shares) < max(shares) else f"{value:.1f}"
         said = f"The best models of {len(shares)} seeds reach" if len(shares) > 1 else "The best model reaches"
         said += f" the goal in {among} % of {self.config.episodes} episodes"
         if min(shares) < max(shares):
             said += f", {value:.1f} % on average (95 % interval over the seeds {max(low, 0.0):.1f} to {min(high, 100.0):.1f})"
-        said += f"; the best: {self.policy}."
-        if until is None:
-            return said
-        reached = sum(result.stopped == "until" for result in self.results.values())
-        return f"{said} {reached} of {len(shares)} trainings reached {until} in {self.config.episodes} episodes."
+        return f"{said}; the best: {self.policy}."
 
     def content(self) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
         """Return what each seed reached, apart from that how long it took, and the configuration."""
@@ -139,9 +135,8 @@ def train(
 ) -> Training:
     """Train policies with Stable-Baselines3, and write each as a policy bundle, OUT/policy.onnx.
 
-    For example ``train("nav", "runs/a", steps=200_000, seeds=3)``, or ``train("nav", until="success=1.0")``. On the command
-    line a value is YAML, such as ``--reward "{effort: 0.2}"``, ``--overrides "{learning_rate: 3e-4}"``,
-    ``--noise "{base: rough, odometry: {spike: 0.1}}"``.
+    For example ``train("nav", "runs/a", steps=200_000, seeds=3)``. On the command line a value is YAML, such as
+    ``--reward "{effort: 0.2}"``, ``--overrides "{learning_rate: 3e-4}"``, ``--noise "{base: rough, odometry: {spike: 0.1}}"``.
 
     Args:
         env: Environment: nav, pose, square, rooms, missions, or the id of another one; in Python also a `TrainingConfig`, whose

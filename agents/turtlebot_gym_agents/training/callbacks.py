@@ -5,7 +5,7 @@ They do not depend on the command line: scripts can pass them to ``model.learn(c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
@@ -30,25 +30,14 @@ class EvaluationCallback(BaseCallback):
 
     An evaluation during training, after each ``every`` steps, drives the first `INTERIM` of the ``episodes`` seeds, one at its
     end all of them; by default, as many as environments. These reset by themselves, and are not the training's. The model with
-    the highest mean return is written to ``path``. The training stops if ``go_on`` returns false for the interim figures and
-    for those of all seeds.
+    the highest mean return is written to ``path``.
     """
 
-    def __init__(
-        self,
-        envs: VectorEnv,
-        *,
-        every: int,
-        episodes: int | None = None,
-        path: Path | None = None,
-        go_on: Callable[[dict[str, float]], bool] = lambda figures: True,
-    ) -> None:
+    def __init__(self, envs: VectorEnv, *, every: int, episodes: int | None = None, path: Path | None = None) -> None:
         super().__init__()
-        self._envs, self._every, self._path, self._go_on = envs, every, path, go_on
+        self._envs, self._every, self._path = envs, every, path
         self._episodes = envs.num_envs if episodes is None else episodes
         self._next, self._most = every, -np.inf
-        self.stopped = False
-        """Whether `go_on` has ended the training."""
         self.best: dict[str, float] = {"return": -np.inf}
         """Figures of the best model, with its number of training steps."""
         self.history: list[dict[str, float]] = []
@@ -58,24 +47,21 @@ class EvaluationCallback(BaseCallback):
         self._next = self.num_timesteps + self._every
 
     def _on_step(self) -> bool:
-        return not self.stopped
+        return True
 
     def _on_rollout_start(self) -> None:
         if self.num_timesteps >= self._next:
             self._next = self.num_timesteps + self._every
             self._run(INTERIM)
-            if self.stopped:
-                self._run(self._episodes)
 
     def _on_training_end(self) -> None:
-        if not self.stopped:
-            self._run(self._episodes)
+        self._run(self._episodes)
         self.logger.dump(self.num_timesteps)
 
     def _run(self, episodes: int) -> None:
         """Evaluate the model in at most so many episodes."""
         judged, reached = self._judge(episodes)
-        self.history = [*(row for row in self.history if row["steps"] < reached["steps"]), reached]
+        self.history.append(reached)
         for name, value in reached.items():
             self.logger.record(f"eval/{name}", value)
         mean = float(judged.returns[:INTERIM].mean())
@@ -90,7 +76,6 @@ class EvaluationCallback(BaseCallback):
             if self._path is not None:
                 with replacing(self._path) as beside, beside.open("wb") as file:
                     self.model.save(file)
-        self.stopped = not self._go_on(reached)
 
     def _judge(self, episodes: int) -> tuple[Judged, dict[str, float]]:
         policy: Policy = lambda observations: self.model.predict(observations, deterministic=True)[0]  # noqa: E731

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
-from math import inf, isfinite
 from pathlib import Path
 from shutil import rmtree
 from typing import Annotated, Any
@@ -59,9 +57,6 @@ class TrainingConfig(Options):
     steps: Annotated[int | None, STEPS] = None
     """Environment steps; by default n_timesteps of the hyper-parameters. With few, the package's own hyper-parameters have
     fewer environments and smaller batches, see `hyperparameters.for_steps`."""
-    until: str | None = None
-    """Stop when an evaluation during training reaches this, success=SHARE or return=VALUE: of ``episodes`` episodes, the same
-    ones each time, which `evaluate` does not drive. Schedules follow ``steps``."""
     config: Path | Mapping[str, Any] | None = None
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package; in Python also a
     mapping."""
@@ -85,7 +80,6 @@ class TrainingConfig(Options):
         object.__setattr__(self, "env", require_env(self.env))
         choose("algo", self.algo, dict.fromkeys(NAMES))
         object.__setattr__(self, "hyper", self._hyperparameters())
-        self.reached({})
         unread = () if self.randomize else (item for item in fields(TrainingConfig) if item.name in RANDOMIZED)
         for item in unread:
             if getattr(self, item.name) != item.default:
@@ -112,17 +106,6 @@ class TrainingConfig(Options):
     @property
     def total(self) -> int:
         return self.steps or self.hyper["n_timesteps"]
-
-    def reached(self, figures: Mapping[str, float]) -> bool:
-        """Return whether an evaluation's figures reach ``until``."""
-        if self.until is None:
-            return False
-        name, _, text = str(self.until).partition("=")
-        with suppress(ValueError):
-            least = float(text)
-            if (name == "success" and 0.0 < least <= 1.0) or (name == "return" and isfinite(least)):
-                return figures.get(name, -inf) >= least
-        raise refusal("until", "success=SHARE up to 1, or return=VALUE, such as 'success=1.0'", self.until)
 
     def make(self, num_envs: int, **more: Any) -> VectorEnv:
         """Return environments to evaluate in, with more arguments."""

@@ -42,8 +42,6 @@ class TrainingResult:
     """Figures of the best model."""
     history: list[dict[str, float]] = field(default_factory=list)
     """Figures of all evaluations of the run."""
-    stopped: str | None = None
-    """What ended the training before its number of steps: "until" or nothing."""
 
 
 def train(
@@ -65,7 +63,6 @@ def train(
             path=folder / "best.zip",
             every=max(1, config.total // config.evaluations),
             episodes=config.episodes,
-            go_on=lambda figures: not config.reached(figures),
         )
         with limited(config.threads), warnings.catch_warnings():
             warnings.filterwarnings("ignore", "rich is experimental")  # tqdm says so of the bar
@@ -83,7 +80,6 @@ def train(
         steps_per_second=model.num_timesteps / seconds,
         best=judge.best,
         history=judge.history,
-        stopped="until" if judge.stopped else None,
     )
     write_text(folder / "result.json", json.dumps(asdict(result), indent=1) + "\n")
     return result
