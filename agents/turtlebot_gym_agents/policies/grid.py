@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.program import in_machine_code
-from turtlebot_gym.kernel import in_loops, kernel, sqrt
+from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import TWO_PI, sincos
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym_agents.policies.cheapest_way import FREE, STRAIGHT, cheapest_way
@@ -87,42 +87,6 @@ def _line_costs(weights, row: float, column: float, to_row: float, to_column: fl
     return STRAIGHT * total / points * sqrt(down * down + along * along)
 
 
-def _weigh_each(weights, seen, unknown):
-    for a in range(seen.shape[0]):
-        for b in range(seen.shape[1]):
-            weights[a, b] = unknown if seen[a, b] == 0 else FREE
-
-
-@in_loops(_weigh_each)
-def _weigh(weights: Any, seen: Any, unknown: int) -> None:
-    """Write the weights of cells, by their evidence of the same shape."""
-    weights[:] = np.where(seen == 0, unknown, FREE)
-
-
-def _raise_each(weights, least):
-    for a in range(weights.shape[0]):
-        for b in range(weights.shape[1]):
-            weights[a, b] = max(weights[a, b], least[a, b])
-
-
-@in_loops(_raise_each)
-def _raise(weights: Any, least: Any) -> None:
-    """Raise weights to at least others of the same shape."""
-    np.maximum(weights, least, out=weights)
-
-
-def _avoid_each(weights, failed_attempts):
-    for a in range(failed_attempts.shape[0]):
-        for b in range(failed_attempts.shape[1]):
-            weights[a, b] += _VAIN * failed_attempts[a, b]
-
-
-@in_loops(_avoid_each)
-def _avoid(weights: Any, failed_attempts: Any) -> None:
-    """Raise weights by the number of failed attempts, an array that covers their first rows and columns."""
-    weights[: failed_attempts.shape[0], : failed_attempts.shape[1]] += _VAIN * failed_attempts.astype(np.int32)
-
-
 @kernel
 def _is_any(marks) -> bool:
     """Return whether any number of a table is not 0."""
@@ -155,17 +119,22 @@ def plan(grid, failed_attempts, ways, stuck, place, goal, stamp, preview, detour
     height, width = bottom - top + _PAD + 1, right - left + _PAD + 1
     cells = np.full(height * width, unknown, np.int32)
     weights = cells.reshape((height, width))
-    a, b = max(top, 0), max(left, 0)
-    seen = grid[a : bottom + _PAD + 1, b : right + _PAD + 1]
-    inside = weights[a - top : a - top + seen.shape[0], b - left : b - left + seen.shape[1]]
-    _weigh(inside, seen, unknown)
+    first_a, first_b, end_a, end_b = max(top, 0), max(left, 0), min(bottom + _PAD + 1, SIDE), min(right + _PAD + 1, SIDE)
+    for a in range(first_a, end_a):
+        for b in range(first_b, end_b):
+            if grid[a, b] != 0:
+                weights[a - top, b - left] = FREE
     side = len(stamp)
-    for a in range(SIDE):
-        for b in range(SIDE):
+    for a in range(first_a, end_a):
+        for b in range(first_b, end_b):
             if grid[a, b] >= OCCUPIED:
-                down, along = a - top - side // 2, b - left - side // 2
-                _raise(weights[down : down + side, along : along + side], stamp)
-    _avoid(inside, failed_attempts[max(top, 0) : bottom + 1, max(left, 0) : right + 1])
+                around = weights[a - top - side // 2 :, b - left - side // 2 :]
+                for down in range(side):
+                    for along in range(side):
+                        around[down, along] = max(around[down, along], stamp[down, along])
+    for a in range(first_a, bottom + 1):
+        for b in range(first_b, right + 1):
+            weights[a - top, b - left] += _VAIN * int(failed_attempts[a, b])
     # Cells off the last path cost more, unless it has led nowhere.
     if not stuck and _is_any(ways):
         for a in range(top, bottom + _PAD + 1):
