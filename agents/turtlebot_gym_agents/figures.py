@@ -107,26 +107,22 @@ def plot_consistency(
 def plot_learning(axes: Axes, runs: Sequence[Sequence[Mapping[str, float]]], *, measure: str = "success") -> Axes:
     """Draw a number of the evaluations during training; for several seeds each, their mean and its 95 % interval.
 
-    ``runs`` are the evaluations of each seed, as in ``history`` of a run's result.json; ``measure`` is a name in `LEARNING`.
+    ``runs`` are the evaluations of each seed, after the same steps, as in ``history`` of a run's result.json; ``measure`` is a
+    name in `LEARNING`.
     """
     from matplotlib.ticker import EngFormatter  # heavy
 
     if not runs or not all(runs):
         raise ValueError("runs must hold the evaluations of at least one run each, got none.")
     factor = 100.0 if measure == "success" else 1.0
-    curves = [np.array([[row["steps"], factor * row[measure]] for row in run]).T for run in runs]
-    if len(curves) == 1:
-        axes.plot(*curves[0], color=BLUE, marker="o", linewidth=1.8, label="one seed")
+    steps, values = [row["steps"] for row in runs[0]], np.array([[factor * row[measure] for row in run] for run in runs])
+    if len(values) == 1:
+        axes.plot(steps, values[0], color=BLUE, marker="o", linewidth=1.8, label="one seed")
     else:
-        for steps, values in curves:
-            axes.plot(steps, values, color=BLUE, linewidth=0.8, alpha=0.4)
-        grid = np.unique(np.concatenate([steps for steps, _ in curves]))
-        first, last = max(steps[0] for steps, _ in curves), min(steps[-1] for steps, _ in curves)
-        grid = grid[(grid >= first) & (grid <= last)] if first <= last else grid  # where all seeds have values
-        values = np.array([np.interp(grid, *curve) for curve in curves])
+        axes.plot(steps, values.T, color=BLUE, linewidth=0.8, alpha=0.4)
         mean, low, high = np.array([metrics.mean(column) for column in values.T]).T
-        axes.plot(grid, mean, color=BLUE, linewidth=1.8, label=f"mean of {len(curves)} seeds")
-        axes.fill_between(grid, low, high, color=BLUE, alpha=0.2, linewidth=0.0, label="95 % interval of the mean")
+        axes.plot(steps, mean, color=BLUE, linewidth=1.8, label=f"mean of {len(values)} seeds")
+        axes.fill_between(steps, low, high, color=BLUE, alpha=0.2, linewidth=0.0, label="95 % interval of the mean")
     axes.xaxis.set_major_formatter(EngFormatter())
     axes.set(xlabel="training steps", ylabel=LEARNING[measure])
     if measure == "success":

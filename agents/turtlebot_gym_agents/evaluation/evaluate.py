@@ -7,7 +7,7 @@ for all policies, and differences between policies are paired.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -21,11 +21,9 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.config import as_int, choose
 from turtlebot_gym.drive import NOWHERE
-from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.observations import TERMS, TRACKS
 from turtlebot_gym.observations.reading import read_items
-from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import by_time
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.driving import ROWS, ROWS_IN_ROOMS, driven
@@ -82,7 +80,7 @@ def evaluate(
             names beside those of the task.
 
     Raises:
-        ValueError: If an argument is unknown, out of its range, or would change nothing.
+        ValueError: If an argument is unknown or out of its range.
     """
     as_int("episodes", episodes, 1)
     env, policy = environment_id(env, options), policy_of(policy)
@@ -92,7 +90,6 @@ def evaluate(
         size = min(BATCH, episodes - first)
         with driving(policy, env, min(size, rows), allow_mismatch=allow_mismatch, **options) as (envs, driver):
             config = {"env": env, "policy": policy, "episodes": size, "seed": seed + first, **chosen_in(envs), **options}
-            _require_read(parameters_of(envs), options)
             so_far = lambda ended, first=first: progress(first + ended)  # noqa: E731
             parts.append(_driven(envs, driver, config, so_far, consistency=consistency))
     return joined(parts)
@@ -143,16 +140,6 @@ def policy_of(policy: Any) -> str | Policy:
         return str(policy)
     bundle = getattr(policy, "policy", None)
     return str(bundle) if isinstance(bundle, Path) else policy
-
-
-def _require_read(p: Parameters, options: Mapping[str, Any]) -> None:
-    """Refuse options that no number of an evaluation depends on."""
-    if options.get("reward") is not None:
-        raise ValueError("reward would change nothing in an evaluation, which reports no return: leave it out.")
-    if options.get("imu") is not None and "imu" not in filter_of(p.tuning).reads:
-        raise ValueError(
-            "imu would change nothing, since the filter does not read it: choose the filter 'gyro', or leave it out."
-        )
 
 
 @contextmanager

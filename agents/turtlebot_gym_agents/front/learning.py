@@ -63,16 +63,10 @@ class Training(Result):
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Figures of the evaluations, shape (seeds, evaluations), NaN where a training has ended; and their steps."""
-        steps = sorted({figures["steps"] for result in self.results.values() for figures in result.history})
-        at = {step: column for column, step in enumerate(steps)}
-        arrays: dict[str, NDArray[Any]] = {"steps": np.array(steps)}
-        for name in LEARNING:
-            arrays[name] = np.full((len(self.results), len(steps)), np.nan)
-            for row, result in enumerate(self.results.values()):
-                for figures in result.history:
-                    arrays[name][row, at[figures["steps"]]] = figures[name]
-        return arrays
+        """Figures of the evaluations, shape (seeds, evaluations), and their steps, which all seeds have in common."""
+        histories = [result.history for result in self.results.values()]
+        arrays = {name: np.array([[figures[name] for figures in history] for history in histories]) for name in LEARNING}
+        return {"steps": np.array([figures["steps"] for figures in histories[0]]), **arrays}
 
     def rows(self) -> dict[str, Sequence[Any] | NDArray[Any]]:
         """Return a row per seed and evaluation."""

@@ -80,10 +80,6 @@ class TrainingConfig(Options):
         object.__setattr__(self, "env", require_env(self.env))
         choose("algo", self.algo, dict.fromkeys(NAMES))
         object.__setattr__(self, "hyper", self._hyperparameters())
-        unread = () if self.randomize else (item for item in fields(TrainingConfig) if item.name in RANDOMIZED)
-        for item in unread:
-            if getattr(self, item.name) != item.default:
-                raise ValueError(f"{item.name} would change nothing without randomize: add --randomize, or leave it out.")
 
     def _hyperparameters(self) -> dict[str, Any]:
         """Return the hyper-parameters that ``config``, ``steps`` and ``overrides`` stand for."""
