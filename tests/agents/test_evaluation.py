@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import turtlebot_gym
-from turtlebot_gym.drive import Drive
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation import evaluate as evaluation
@@ -119,20 +118,6 @@ def test_an_episode_is_that_of_the_scalar_environment(policy, options):
             assert actual[name] == pytest.approx(number, rel=1e-9, abs=1e-12, nan_ok=True), name
     np.testing.assert_array_equal(result.episodes.seed, [40, 41, 42])
     assert options["env"] != ROOMS or 0 < result.episodes.collision.sum() < 3
-
-
-def test_the_trajectory_is_the_first_episode():
-    result = evaluate("bearing", episodes=3, seed=7)
-    world = gym.make(NAV)
-    observation, info = world.reset(seed=7)
-    infos, ended, policy = [info], False, make_policy("bearing")
-    while not ended:
-        observation, _, terminated, truncated, info = world.step(policy(observation))
-        infos.append(info)
-        ended = terminated or truncated
-    expected = Drive.stack(infos, time=0.1 * np.arange(len(infos)))
-    for name in ("time", "true_state", "odometry", "estimate", "covariance", "reference", "command"):
-        np.testing.assert_array_equal(getattr(result.trajectory, name), getattr(expected, name), err_msg=name)
 
 
 def test_episodes_do_not_depend_on_the_batch_at_whose_start_memory_is_reset(monkeypatch):

@@ -94,9 +94,12 @@ def test_objects_of_ones_own_have_a_label_each():
 
 
 def test_a_drive_is_the_first_episode_of_an_evaluation(in_a_room):
-    trajectory = evaluate("vfh", env="rooms", world="office", lidar="ideal", seed=3, episodes=1).trajectory
+    evaluation = evaluate("vfh", env="rooms", world="office", lidar="ideal", seed=3, episodes=2)
+    trajectory = evaluation.trajectory
     for name in ("true_state", "odometry", "estimate", "covariance", "reference", "command"):
         np.testing.assert_array_equal(in_a_room[name], getattr(trajectory, name))
+    steps = np.diff(trajectory.true_state[:, :2], axis=0)
+    assert evaluation["path"][0] == pytest.approx(np.hypot(*steps.T).sum())
     expected = nees(trajectory.estimate, trajectory.true_state, trajectory.covariance)
     np.testing.assert_array_equal(in_a_room["nees"], expected)
     assert f"{position_error(trajectory.estimate, trajectory.true_state).mean():.3f}" in str(in_a_room)

@@ -17,21 +17,17 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import registry
 from gymnasium.vector import VectorEnv
-from numpy.typing import NDArray
 
 from turtlebot_gym.config import as_int, choose
-from turtlebot_gym.drive import NOWHERE
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.observations import TERMS, TRACKS
 from turtlebot_gym.observations.reading import read_items
-from turtlebot_gym.tasks import by_time
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.driving import ROWS, ROWS_IN_ROOMS, driven
-from turtlebot_gym_agents.evaluation.episodes import concatenate, measure, outcome_of
+from turtlebot_gym_agents.evaluation.episodes import concatenate, measure
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.record import Consistency, Recorder
 from turtlebot_gym_agents.evaluation.result import Evaluation
-from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, walkers_of
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.ids import arguments_of, brought_by, environment_id
 from turtlebot_gym_agents.policies import Policy, make_policy
@@ -99,26 +95,18 @@ def _driven(
     envs: VectorEnv, driver: Policy, config: dict[str, Any], progress: Callable[[int], None], *, consistency: bool
 ) -> Evaluation:
     """Drive the episodes of a batch."""
-    p, recorder = parameters_of(envs), Recorder(consistency=consistency)
-    walkers, around, ended = list[NDArray[np.float64]](), NOWHERE, 0
-    for at, moment in enumerate(driven(envs, driver, seed=config["seed"], episodes=config["episodes"])):
-        if at == 0:
-            around = room_of(envs, name_of(config["policy"]))
-        if around.room and len(moment.number) and moment.number[0] == 0:
-            walkers.append(walkers_of(scene_of(envs)))
+    p, recorder, ended = parameters_of(envs), Recorder(consistency=consistency), 0
+    for moment in driven(envs, driver, seed=config["seed"], episodes=config["episodes"]):
         recorder(moment)
         if moment.ended.any():
             ended += int(moment.ended.sum())
             progress(ended)
     record = recorder.result()
-    episodes = measure(record, p, config["seed"])
-    outcome = outcome_of(episodes, by_time=bool(by_time(p.task)))
     return Evaluation(
         config=config,
         limit=p.task.max_steps * p.dt,
         max_linear=p.robot.max_linear,
-        episodes=episodes,
-        trajectory=replace(record.trajectory(dt=p.dt), around=around, circles=tuple(walkers), outcome=outcome),
+        episodes=measure(record, p, config["seed"]),
         consistency=record.consistency(p.dt) if consistency else None,
     )
 

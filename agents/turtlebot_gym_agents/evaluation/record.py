@@ -8,14 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.drive import Drive
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym_agents.evaluation.driving import Moment
 
 DEGREES = 3
 """Degrees of freedom of the NEES of a pose, and of the NIS of a measured one."""
-_DRIVE = ("true_state", "odometry", "estimate", "reference", "command", "clearance")
-_NAMES = (*_DRIVE, "is_success", "collision", "way_left")
+_NAMES = ("true_state", "odometry", "estimate", "reference", "command", "clearance", "is_success", "collision", "way_left")
 _Columns = dict[str, NDArray[Any]]
 
 
@@ -30,14 +28,6 @@ class Record(NamedTuple):
     """The row before each step in its episode, shape (S,)."""
     columns: _Columns
     """Infos by their names, shape (n + S, ...); clearance and way_left are NaN on open ground, and nobody collides there."""
-    covariance: NDArray[np.float64]
-    """Of the first episode, shape (T + 1, 3, 3)."""
-
-    def trajectory(self, *, dt: float) -> Drive:
-        """Return the first episode."""
-        rows = np.concatenate([[0], self.number + np.flatnonzero(self.episode == 0)])
-        columns: dict[str, Any] = {name: self.columns[name][rows] for name in _DRIVE}
-        return Drive(time=dt * np.arange(len(rows), dtype=np.float64), covariance=self.covariance, **columns)
 
     def consistency(self, dt: float) -> Consistency:
         """Return the NEES and the NIS of each episode, if they were recorded, in steps of ``dt``, s."""
@@ -79,7 +69,6 @@ class Recorder:
         self._consistency = consistency
         self._starts: list[tuple[NDArray[np.intp], _Columns]] = []
         self._steps: list[tuple[NDArray[np.intp], _Columns]] = []
-        self._covariance: list[NDArray[np.float64]] = []
 
     def __call__(self, moment: Moment) -> None:
         columns = {name: moment.info[name][moment.rows] for name in _NAMES if name in moment.info}
@@ -92,8 +81,6 @@ class Recorder:
             columns["nees"] = np.where(is_certain, np.nan, errors)
             columns["nis"] = np.where(is_measured, nis, np.nan)
         (self._starts if moment.is_start else self._steps).append((moment.number, columns))
-        if len(moment.number) and moment.number[0] == 0:
-            self._covariance.append(moment.info["covariance"][moment.rows[0]])
 
     def result(self) -> Record:
         """Return what was collected."""
@@ -106,7 +93,7 @@ class Recorder:
         unknown = np.full(end, np.nan)
         open_ground = {"collision": np.zeros(end, np.bool_), "clearance": unknown, "way_left": unknown}
         columns = {name: np.concatenate([starts[name][order], values]) for name, values in steps.items()}
-        return Record(n, episode, before, open_ground | columns, np.array(self._covariance))
+        return Record(n, episode, before, open_ground | columns)
 
 
 def _stacked(parts: Sequence[tuple[NDArray[np.intp], _Columns]]) -> tuple[NDArray[np.intp], _Columns]:

@@ -5,23 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.drive import Drive, Seen
+from turtlebot_gym.drive import Drive, RoomData, Seen
 from turtlebot_gym.localization.bank import followed
 from turtlebot_gym.models.angles import TWO_PI
-from turtlebot_gym.rooms.grid import BORDER, charted
+from turtlebot_gym.rooms.grid import BORDER, charted, grid_in
 from turtlebot_gym.rooms.rules import GIVEN
 from turtlebot_gym.rooms.scan import Scan, mounted, obstacles_of
-from turtlebot_gym.systems import Parameters, Snapshot
+from turtlebot_gym.rooms.scene import scene_at
+from turtlebot_gym.systems import Parameters
+from turtlebot_gym.systems.scans import TrackedScene
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.driving import driven
 from turtlebot_gym_agents.evaluation.episodes import ending_of
 from turtlebot_gym_agents.evaluation.evaluate import driving, policy_of, require_known
-from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, tracks_of
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.policies import Policy
@@ -44,20 +45,32 @@ def record_episode(
     require_known(env, seed)
     infos, rooms, ranges, hypotheses = list[dict[str, Any]](), list[Any](), list[Any](), list[NDArray[np.float64]]()
     with driving(policy, env, 1, allow_mismatch=allow_mismatch, **options) as (envs, driver):
-        p, scene = parameters_of(envs), None
+        p, bare, scene = parameters_of(envs), cast(Any, envs.unwrapped), cast(Any, None)
         for moment in driven(envs, driver, seed=seed, episodes=1):
-            scene, world = scene_of(envs), envs.unwrapped.snapshot(0)  # pyright: ignore[reportAttributeAccessIssue]
-            infos.append({name: values[0] for name, values in moment.info.items()} | _sensed(world, tracks_of(envs)))
-            located, elsewhere = world.estimate, np.empty((0, 4))
-            if scene is not None:
+            world, elsewhere = bare.snapshot(0), np.empty((0, 4))
+            infos.append({name: values[0] for name, values in moment.info.items()})
+            if (fix := getattr(world.senses, "fix", None)) is not None:
+                infos[-1]["fix"] = float(fix.arrived)
+            if p.room:
+                scenes = bare.truth()[0]
+                scene = scene_at(scenes, 0)
                 rooms.append(obstacles_of(scene))
                 ranges.append(scene.lidar.ranges[1].copy())
+                if isinstance(scenes, TrackedScene):
+                    infos[-1]["tracks"] = scenes.tracker.seen[0].copy()
                 if p.localizer:
-                    elsewhere = followed(located, scene.memory.bank, Pose(*scene.memory.trail[0, 1:4].tolist()), p.localizer)
+                    trail = Pose(*scene.memory.trail[0, 1:4].tolist())
+                    elsewhere = followed(world.estimate, scene.memory.bank, trail, p.localizer)
             hypotheses.append(elsewhere)
-        around = room_of(envs, label or name_of(policy))
-        if scene is not None and p.localizer and p.room.rules.kind != GIVEN:  # in a drawn room, by this map
-            around = around._replace(chart=charted(scene, BORDER - 1))  # one cell of the border is drawn
+    chart = rooms and p.localizer and p.room.rules.kind != GIVEN  # in a drawn room, by this map
+    around = RoomData(
+        label=label or name_of(policy),
+        room=rooms[0] if rooms else None,
+        grid=grid_in(scene) if rooms else None,
+        chart=charted(scene, BORDER - 1) if chart else None,  # one cell of the border is drawn
+        robot_radius=p.robot.radius,
+        goal_radius=p.task.radius,
+    )
     last = infos[-1]
     walking = any(room.circles != rooms[0].circles for room in rooms)
     drive = Drive.stack(
@@ -65,17 +78,10 @@ def record_episode(
         time=p.dt * np.arange(len(infos)),
         circles=tuple(np.array(room.circles).reshape(-1, 3) for room in rooms) if walking else (),
         hypotheses=tuple(hypotheses),
-        around=around._replace(room=rooms[0] if rooms else None),
+        around=around,
         outcome=ending_of(last["is_success"], last.get("collision", False), p.dt * (len(infos) - 1)),
     )
     return replace(drive, scans=_scans(ranges, drive, p))
-
-
-def _sensed(world: Snapshot, tracks: NDArray[np.float32] | None) -> dict[str, Any]:
-    """Return what infos do not hold: whether a fix has arrived, and what the robot knows of people."""
-    fix = getattr(world.senses, "fix", None)
-    sensed = {} if fix is None else {"fix": float(fix.arrived)}
-    return sensed | ({} if tracks is None else {"tracks": tracks})
 
 
 def _scans(ranges: Sequence[NDArray[np.float32]], drive: Drive, p: Parameters) -> tuple[Seen, ...]:

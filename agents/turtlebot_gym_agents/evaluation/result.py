@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.config import flattened, split
 from turtlebot_gym.drive import Drive
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.evaluation.episodes import Episodes
+from turtlebot_gym_agents.evaluation.episodes import Episodes, outcome_of
 from turtlebot_gym_agents.evaluation.metrics import Errors, Interval
 from turtlebot_gym_agents.evaluation.record import Consistency
 from turtlebot_gym_agents.front.results import Result, axes_or_new, name_of, with_legend
@@ -36,10 +36,17 @@ class Evaluation(Result):
     max_linear: float
     """The robot's highest speed, m/s."""
     episodes: Episodes
-    trajectory: Drive
-    """The first episode, with its room and how it ended."""
     consistency: Consistency | None = None
     """How consistent the filter was; None if that was not asked for."""
+
+    @property
+    def trajectory(self) -> Drive:
+        """The first episode, driven once more, with its room and how it ended."""
+        from turtlebot_gym_agents.evaluation.recording import record_episode
+
+        options = {name: value for name, value in self.config.items() if name != "episodes"}
+        outcome = outcome_of(self.episodes, by_time=self.config.get("switch") == "time")
+        return replace(record_episode(**options, allow_mismatch=True), outcome=outcome)
 
     def times(self) -> NDArray[np.float64]:
         """Return the time of each episode, shape (n,), s; a failure counts as the limit."""
