@@ -15,7 +15,7 @@ from typing import Any
 
 import tyro
 
-from turtlebot_gym_agents.cluster.grid import study
+from turtlebot_gym_agents.cluster.study import study
 from turtlebot_gym_agents.front.comparing import compare
 from turtlebot_gym_agents.front.learning import train
 from turtlebot_gym_agents.front.satellites import SATELLITES, satellite

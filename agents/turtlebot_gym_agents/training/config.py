@@ -23,8 +23,6 @@ STEPS = Range(1, 10**12, whole=True)
 """Steps of a training, and evaluations of one."""
 NAMES = ("a2c", "ddpg", "ppo", "sac", "td3")
 """Algorithms of Stable-Baselines3 that train here, in lower case."""
-OURS = "turtlebot_gym/"
-"""Beginning of the ids of this package."""
 ROWS = 128
 """Most environments of an evaluation."""
 RANDOMIZED = ("speed_error", "turn_error", "veer")
@@ -109,12 +107,12 @@ class TrainingConfig(Options):
         return gym.make_vec(self.env, num_envs=num_envs, **modes, **arguments_of(self.options), **more)
 
     def make_judging(self) -> VectorEnv:
-        """Return environments that drive the episodes of an evaluation in turn; those of other packages, a row for each."""
-        return self.make(min(self.episodes, ROWS) if self.env.startswith(OURS) else self.episodes)
+        """Return environments that drive the episodes of an evaluation in turn."""
+        return self.make(min(self.episodes, ROWS))
 
     def make_training(self) -> VectorEnv:
         """Return environments to train in, randomized if configured."""
-        envs = self.make(self.hyper["n_envs"], **({"info": "rewards"} if self.env.startswith(OURS) else {}))
+        envs = self.make(self.hyper["n_envs"], info="rewards")
         if self.randomize:
             bare: Any = envs.unwrapped
             errors = {name: getattr(self, name) for name in RANDOMIZED}

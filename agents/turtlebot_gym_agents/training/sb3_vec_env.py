@@ -6,7 +6,6 @@ environment; its ``reset`` returns observations only, and ``TimeLimit.truncated`
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -30,7 +29,7 @@ class Sb3VecEnv(VecEnv):
     `DummyVecEnv`.
 
     Infos hold, for the environments whose episode has just ended, ``terminal_observation``, ``TimeLimit.truncated``,
-    ``episode`` (return r, length l, seconds t, as SB3's ``Monitor`` has them) and the contents of ``final_info``, such as
+    ``episode`` (return r and length l, as SB3's ``Monitor`` has them) and the contents of ``final_info``, such as
     ``is_success``. All other infos are empty. `shares` adds up those of the reward. The algorithm sees rewards times
     ``reward_scale``: returns far above 1 take a critic many updates, and the errors until then leave the actions little of a
     clipped gradient.
@@ -46,12 +45,9 @@ class Sb3VecEnv(VecEnv):
         self._actions: NDArray[Any] = np.empty(0)
         self._returns = np.zeros(envs.num_envs)
         self._lengths = np.zeros(envs.num_envs, np.int64)
-        self._start = time.time()
         self.shares: NDArray[np.float64] = np.zeros(0)
         """What each term has added to the reward of all rows since somebody has emptied this; empty if nobody tells."""
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
-        if "render_fps" in envs.metadata:
-            self.metadata["render_fps"] = envs.metadata["render_fps"]
 
     def reset(self) -> Any:
         """Start all episodes with the seeds and the options set, one for all rows, and return observations."""
@@ -84,12 +80,11 @@ class Sb3VecEnv(VecEnv):
             rows = np.flatnonzero(dones)
             last, final = infos["final_obs"], infos.get("final_info", {})
             timed_out = truncated & ~terminated
-            elapsed = round(time.time() - self._start, 6)
             for row in rows.tolist():
                 info = split[row] = _row(final, row)
                 info["terminal_observation"] = last[row]
                 info["TimeLimit.truncated"] = bool(timed_out[row])
-                info["episode"] = {"r": round(float(self._returns[row]), 6), "l": int(self._lengths[row]), "t": elapsed}
+                info["episode"] = {"r": round(float(self._returns[row]), 6), "l": int(self._lengths[row])}
             self._returns[rows] = 0.0
             self._lengths[rows] = 0
         return observations, rewards, dones, split
