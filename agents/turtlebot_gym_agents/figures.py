@@ -80,8 +80,7 @@ def plot_consistency(
     """Draw the mean NEES or NIS of runs, shape (runs, T) or (T,), over time, with the chi-square bounds of a consistent filter.
 
     Above the bounds a filter is too sure of itself, below them too careful. The mean is drawn while at least half of the runs
-    drive; NaN is where there is none. ``name`` is "NEES" or "NIS", ``label`` the filter's in the legend, and ``at`` the number
-    of the curve, which chooses its look.
+    drive. ``name`` is "NEES" or "NIS", ``label`` the filter's in the legend, and ``at`` the number of the curve.
     """
     from scipy.stats import chi2  # slow to import
 

@@ -35,11 +35,7 @@ class _Spread(NamedTuple):
         return float(np.hypot(self.trainings, self.episodes))
 
     def margin(self, confidence: float = CONFIDENCE) -> float:
-        """Return half the width of the interval: the root of the summed squares of Student's margins for trainings and
-        episodes.
-
-        It is Student's interval if only one of the two varies, and conservative otherwise.
-        """
+        """Return half the width of the interval: Student's if only trainings or only episodes vary, and else conservative."""
         from scipy import stats  # slow to import
 
         t = stats.t.isf(0.5 * (1.0 - confidence), np.array(self.shape) - 1)
@@ -69,8 +65,6 @@ def spread(table: ArrayLike) -> _Spread:
     neither training nor episode enters both, so the total is slightly conservative.
     """
     values = np.asarray(table, np.float64)
-    if values.ndim != 2 or min(values.shape) < 2:
-        raise ValueError(f"table must have at least two trainings and two episodes, got shape {values.shape}.")
     k, n = values.shape
     trainings, episodes = values.mean(axis=1).std(ddof=1) / np.sqrt(k), values.mean(axis=0).std(ddof=1) / np.sqrt(n)
     return _Spread(float(values.mean()), float(trainings), float(episodes), (k, n))
@@ -107,9 +101,7 @@ class PairedOutcome(NamedTuple):
 
 
 def compare(learned: Sequence[PairedOutcome], baseline: PairedOutcome) -> dict[str, Any]:
-    """Return metrics of trainings and their differences from a baseline with the same seeds; a failure counts as the time
-    limit.
-    """
+    """Return metrics of trainings and their differences from a baseline on the same seeds."""
     if any((outcome.seed, len(outcome.times)) != (baseline.seed, len(baseline.times)) for outcome in learned):
         raise ValueError("Evaluations can be compared in pairs only if they have the same seeds.")
     times = np.array([outcome.times for outcome in learned])

@@ -1,7 +1,6 @@
 """The driver of episodes, for evaluations and trainings: few rows, each of which takes the next free seed.
 
-With a row for each episode, all rows would be stepped until the longest episode ends. In rooms that is 600 steps, where an
-episode takes 170. An episode depends on its seed alone, not on its row.
+An episode depends on its seed alone, not on its row. With a row for each, all would be stepped until the longest ends.
 """
 
 from __future__ import annotations
@@ -37,10 +36,7 @@ class Moment(NamedTuple):
 
 
 def driven(envs: VectorEnv, policy: Policy, *, seed: int, episodes: int) -> Iterator[Moment]:
-    """Drive episodes, each the first one of its seed, from ``seed`` on, and yield their starts and steps.
-
-    The environments know ``reset_mask``, unless they have a row for each episode; their mode is not DISABLED.
-    """
+    """Drive episodes, each the first one of its seed, from ``seed`` on, and yield their starts and steps."""
     rows = envs.num_envs
     observations, info = envs.reset(seed=seed)
     number, begun = np.arange(rows), rows  # of the episode that each row drives; beyond the last one it is done

@@ -40,10 +40,9 @@ class Errors(NamedTuple):
 
 
 def errors(poses: ArrayLike, truth: ArrayLike) -> Errors:
-    """Return mean, largest and final errors over time of poses or states, shape (T, ..., 3) or (T, ..., 5), each of shape
-    (...).
+    """Return mean, largest and final errors over time of poses or states (T, ..., 3 or 5), each of shape (...).
 
-    NaN is where there is no estimate or the drive is over. ``truth`` has the same shape except for the last axis.
+    NaN is where there is no estimate or the drive is over.
     """
     position, heading = position_error(poses, truth), heading_error(poses, truth)
     last = len(position) - 1 - np.argmax(np.isfinite(position)[::-1], axis=0)[None]

@@ -38,9 +38,7 @@ def record_episode(
     allow_mismatch: bool = False,
     **options: Any,
 ) -> Drive:
-    """Drive an episode and return it: the first episode of `evaluate` with the same arguments; ``label`` is by default the
-    policy's name.
-    """
+    """Return the first episode of `evaluate` with the same arguments; ``label`` is by default the policy's name."""
     env, policy = environment_id(env, options), policy_of(policy)
     require_known(env, seed)
     infos, rooms, ranges, hypotheses = list[dict[str, Any]](), list[Any](), list[Any](), list[NDArray[np.float64]]()

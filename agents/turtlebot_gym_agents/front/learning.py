@@ -80,7 +80,7 @@ class Training(Result):
         title = f"{self.config.env}, {self.config.algo}, the best model on the evaluation's seeds"
         table = Table("seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy", title=title)
         for (seed, result), folder in zip(self.results.items(), self.folders.values(), strict=True):
-            best, speed = result.best, f"{result.steps_per_second:,.0f}"
+            best, speed = result.best, f"{result.steps / result.seconds:,.0f}"
             figures = (f"{100.0 * best['success']:.1f}", f"{best['return']:.2f}", f"{best['steps_to_end']:.1f}")
             table.add_row(str(seed), f"{result.steps:,}", f"{result.seconds:.1f}", speed, *figures, str(folder / BUNDLE))
         return (table,)
@@ -97,13 +97,9 @@ class Training(Result):
         return f"{said}; the best: {self.policy}."
 
     def content(self) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-        """Return what each seed reached, apart from that how long it took, and the configuration."""
-        runs, times = [], []
-        for (seed, result), folder in zip(self.results.items(), self.folders.values(), strict=True):
-            facts = asdict(result)
-            times.append({"seed": seed, **{name: facts.pop(name) for name in ("seconds", "steps_per_second")}})
-            runs.append({"seed": seed, "folder": folder, **facts})
-        return {"runs": runs, "times": times}, self.config.settings()
+        """Return what each seed reached, and the configuration."""
+        runs = [{"seed": seed, "folder": self.folders[seed], **asdict(result)} for seed, result in self.results.items()]
+        return {"runs": runs}, self.config.settings()
 
     def plot(self, axes: Axes | None = None, name: str = "success") -> Axes:
         """Draw the learning curves of a figure in `LEARNING`, and with several seeds their mean with its 95 % interval."""

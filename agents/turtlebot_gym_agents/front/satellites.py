@@ -49,8 +49,6 @@ def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
     drives = [each.record if isinstance(each, DriveResult) else each for each in what if isinstance(each, (Drive, DriveResult))]
     if drives and len(drives) < len(what):
         raise ValueError("watch shows policies or drives, got both: drive the policies, and watch what drive() returns.")
-    if unread := options if drives else ():
-        raise ValueError(f"{', '.join(sorted(unread))} would change nothing in drives that have ended: give it to drive().")
     if drives:
         page = satellite("watch", "page_of")(drives, title=", ".join(each.around.label for each in drives))
     else:

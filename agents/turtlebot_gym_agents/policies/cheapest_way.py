@@ -48,7 +48,7 @@ def _pop(heap, size: int) -> int:
 
 @kernel
 def cheapest_way(weights, width: int, start: int, goal: int, costs, following) -> None:
-    """Write the cost from each visited cell to the goal, and the cell that follows it; A*, from the goal.
+    """Write the cost from each visited cell to the goal, and the cell that follows it.
 
     ``weights`` are costs of cells, at least `FREE`, row by row, shape (cells,), int32; 0 for the cells of a closed border.
     ``costs`` and ``following`` are outputs, shape (cells,), int64.

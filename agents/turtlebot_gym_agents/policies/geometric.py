@@ -50,8 +50,7 @@ class ProportionalPolicy(Baseline):
     """The tutorial's law: ``v = clip(kv d)``, ``omega = clip(komega wrap(theta_ref - theta))``.
 
     It turns to the *reference's heading*, never to the bearing of the point, so it arrives only if the point happens to lie
-    ahead. It is included to show how it fails. Commands are clipped to the robot's limits, axis by axis; the control interval
-    is not used.
+    ahead. It is included to show how it fails.
     """
 
     kv: Positive = 0.5
@@ -69,11 +68,8 @@ class ProportionalPolicy(Baseline):
 class BearingPolicy(Baseline):
     """Steer to the bearing of the waypoint, forwards or backwards, whichever needs the smaller turn.
 
-    A command acts one step late: until then the robot executes the previous one. All decisions therefore use where the waypoint
-    *will* lie in the body frame. With the current bearing instead, the direction would alternate every step at bearings near 90
-    degrees. A robot that must not reverse drives forwards only.
-
-    The defaults suit the task Nav under most noises.
+    A command acts one step late, so all decisions use where the waypoint *will* lie in the body frame. With the current bearing
+    instead, the direction would alternate every step at bearings near 90 degrees. The defaults suit Nav under most noises.
     """
 
     gain: Positive = 6.0
@@ -106,10 +102,9 @@ class CornerPolicy(BearingPolicy):
     """Cut corners: steer as `BearingPolicy` does, but to a point inside the bend towards the following waypoint, if there is
     one.
 
-    The point lies on the bisector of the angle at the waypoint, between the robot and the following waypoint: to first order, a
-    shortest path that touches a circle around the waypoint touches it there. It is ``cut`` away from the waypoint, but no
-    further along the bisector than a share of the distance to the nearer of the two: so it never lies beyond the straight line
-    between them, and a robot whose estimate is in the circle while its true pose is not still comes nearer.
+    The point lies on the bisector of the angle at the waypoint, where, to first order, a shortest path touches a circle around
+    the waypoint. It is ``cut`` away, but no further than a share of the distance to the nearer of robot and following waypoint:
+    so a robot whose estimate is in the circle while its true pose is not still comes nearer.
     """
 
     cut: Positive = 0.26

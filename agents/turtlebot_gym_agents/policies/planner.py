@@ -69,12 +69,10 @@ _SHAPES: Any = (*((SIDE, SIDE),) * 3, (), (), (), (SECTORS,), (2,), (2,), (), ()
 class PlannerPolicy(VectorFieldHistogramPolicy):
     """Remember what was seen, and steer by VFH+ to a point of the cheapest path to the goal.
 
-    Where all directions lead into the margin, only the robot's radius counts. The defaults are the best of 40 tries in the
-    world "office", except for ``margin``, which is the safety layer's, ``lag``, ``doubt``, ``habit`` and ``period``.
-
-    The grid of 16 m moves with the robot, in the frame of the poses; unknown cells are free. Cells cost more near obstacles and
-    where nothing was seen. The point is the farthest within ``preview`` to which a straight line costs little more than the
-    path. Moving obstacles are not modelled: they stay in the grid until later beams pass.
+    Where all directions lead into the margin, only the robot's radius counts. The grid of 16 m moves with the robot. The point
+    is the farthest within ``preview`` to which a straight line costs little more than the path. Moving obstacles stay in the
+    grid until later beams pass. The defaults are the best of 40 tries in the world "office", except for ``margin``, which is the
+    safety layer's, ``lag``, ``doubt``, ``habit`` and ``period``.
     """
 
     blocked: Positive = 0.122

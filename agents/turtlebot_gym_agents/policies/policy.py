@@ -43,9 +43,7 @@ def terms_of(policy: object) -> tuple[ObservationTerm, ...] | None:
 
 
 def numbers_of(observations: ArrayLike, terms: Sequence[ObservationTerm]) -> NDArray[Any]:
-    """Return the numbers of some terms from observations (..., n) of exactly these terms, or of one of the package's that
-    has them; refuse other shapes.
-    """
+    """Return the numbers of some terms from observations (..., n) of these terms, or of one of the package's that has them."""
     rows, sizes = np.asarray(observations), [size_of(terms)]
     if rows.ndim and rows.shape[-1] == sizes[0]:
         return rows

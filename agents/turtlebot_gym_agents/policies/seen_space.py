@@ -1,8 +1,8 @@
 """The last rule of a deployment: a robot drives only where its LiDAR has looked, whatever its policy wants.
 
-A LiDAR that has looked all around changes no command. With one that sees a part of the circle, or is covered at times, the
-robot stays where beams have passed in the last seconds. It may turn on the spot anywhere, and if its policy insists on a
-direction in which nothing has looked, it turns once around, to look. Points of the plane are complex numbers, m.
+With a LiDAR that sees a part of the circle, or is covered at times, the robot stays where beams have passed in the last
+seconds. It may turn on the spot anywhere, and if its policy insists on a direction in which nothing has looked, it turns once
+around, to look. Points of the plane are complex numbers, m.
 """
 
 from __future__ import annotations

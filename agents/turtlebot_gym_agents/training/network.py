@@ -26,11 +26,7 @@ _SEED, _RESTARTS, _STRAY = 2**43, 0.01, 0.5
 
 
 class Normalization(nn.Module):
-    """Shift, scale and clip observations by statistics, in the precision of these, as their library does.
-
-    The source is a `VecNormalize` of Stable-Baselines3, or a `NormalizeObservation` of Gymnasium, with finite statistics of
-    one-dimensional observations.
-    """
+    """Shift, scale and clip observations by the statistics of a `VecNormalize` or `NormalizeObservation`, as these do."""
 
     mean: torch.Tensor
     scale: torch.Tensor

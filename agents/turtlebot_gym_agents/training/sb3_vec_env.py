@@ -1,8 +1,4 @@
-"""A Stable-Baselines3 ``VecEnv`` over any native Gymnasium vector environment.
-
-SB3 resets finished environments within the step and expects their last observation in the infos, and one dictionary per
-environment; its ``reset`` returns observations only, and ``TimeLimit.truncated`` marks time-outs.
-"""
+"""A Stable-Baselines3 ``VecEnv`` over any native Gymnasium vector environment."""
 
 from __future__ import annotations
 
@@ -53,8 +49,6 @@ class Sb3VecEnv(VecEnv):
         """Start all episodes with the seeds and the options set, one for all rows, and return observations."""
         # VecEnv.seed(s) sets s + i, as Gymnasium does for the int s; not all vector environments accept lists.
         options = self._options[0]
-        if any(other is not options and other != options for other in self._options):
-            raise ValueError("options must be one for all rows, which a native vector environment shares.")
         observations, infos = self.envs.reset(seed=self._seeds[0], options=dict(options) or None)
         self.reset_infos = [_row(infos, row) for row in range(self.num_envs)]
         begins = options.get("reset_mask", slice(None))

@@ -35,9 +35,7 @@ class TrainingResult:
     steps: int
     """Environment steps."""
     seconds: float
-    """Wall time, s."""
-    steps_per_second: float
-    """Environment steps per second, evaluations and export included."""
+    """Wall time, s, evaluations and export included."""
     best: Mapping[str, float]
     """Figures of the best model."""
     history: list[dict[str, float]] = field(default_factory=list)
@@ -77,7 +75,6 @@ def train(
     result = TrainingResult(
         steps=model.num_timesteps,
         seconds=seconds,
-        steps_per_second=model.num_timesteps / seconds,
         best=judge.best,
         history=judge.history,
     )
