@@ -2,7 +2,6 @@
 
 import gymnasium as gym
 import numpy as np
-import pytest
 from gymnasium.vector import AutoresetMode
 
 import turtlebot_gym  # noqa: F401  # registers its environments
@@ -22,9 +21,6 @@ def test_a_reset_of_some_rows_continues_the_others_and_their_returns():
     assert (env.reset() != before).any(axis=1).tolist() == [bool(info) for info in env.reset_infos] == [True, False]
     lengths = [[info["episode"]["l"] for info in env.step(still)[3] if info] for _ in range(4)]
     assert lengths == [[], [], [4], [4]]
-    env.set_options([{}, {"start": 1}])
-    with pytest.raises(ValueError, match="options must be one for all rows"):
-        env.reset()
 
 
 def test_the_algorithm_sees_scaled_rewards_and_infos_those_of_the_environment():
