@@ -71,8 +71,8 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
 
     Where all directions lead into the margin, only the robot's radius counts. The grid of 16 m moves with the robot. The point
     is the farthest within ``preview`` to which a straight line costs little more than the path. Moving obstacles stay in the
-    grid until later beams pass. The defaults are the best of 40 tries in the world "office", except for ``margin``, which is the
-    safety layer's, ``lag``, ``doubt``, ``habit`` and ``period``.
+    grid until later beams pass. The defaults are the best of 40 tries in the world "office", except for ``margin``, which is
+    the safety layer's, ``lag``, ``doubt``, ``habit`` and ``period``.
     """
 
     blocked: Positive = 0.122
