@@ -14,9 +14,12 @@ def require_outputs(
 ) -> None:
     """Refuse files that cannot or should not be written, each given as option, path or None, and suffixes; make folders.
 
-    Files among ``inputs``, the values of other options, are never overwritten; others that exist only with ``force``.
+    Files among ``inputs``, the values of other options, and in their folders, are never overwritten; others that exist only
+    with ``force``. A refusal is one line that names the option, the path and the rule.
     """
-    read = [Path(value).resolve() for value in inputs if isinstance(value, (str, Path))]
+    read = [
+        Path(value).resolve() for value in inputs if isinstance(value, (str, Path)) and value != "" and Path(value).exists()
+    ]
     for option, given, endings in outputs:
         if given is None:
             continue
@@ -28,7 +31,7 @@ def require_outputs(
             continue  # a device or a pipe
         if path.suffix.lower() not in endings:
             raise ValueError(f"{option} {path}: its name must end with {' or '.join(endings)}.")
-        if path.exists() and path.resolve() in read:
+        if path.exists() and any(path.resolve() == one or one in path.resolve().parents for one in read):
             raise ValueError(f"{option} {path}: it is an input of the same command; choose another name.")
         if not force and path.exists() and path.stat().st_size > 0:
             raise ValueError(f"{option} {path}: it exists; choose another name, or overwrite it with --force (force=True).")
