@@ -1,6 +1,5 @@
 """The policy bundle: its card, what it refuses, and that it needs neither torch nor Stable-Baselines3."""
 
-import hashlib
 import os
 import pickle
 import re
@@ -58,19 +57,12 @@ WAFFLE += "max_wheel 0.2097 there, 0.26 here)"
     [
         ("burger", {"dt": 0.05}, "10 Hz burger, asked for 20 Hz burger"),
         ("burger", {"dt": 0.1 + 2e-9}, "10 Hz burger, asked for 10 Hz burger"),
-        ("burger", {"dt": 0.1 - 2e-9}, "10 Hz burger, asked for 10 Hz burger"),
         ("burger", {"robot": "waffle", "dt": 0.25}, f"10 Hz burger, asked for 4 Hz waffle {WAFFLE}"),
-        ("burger", {"reverse": False}, "10 Hz burger, asked for 10 Hz custom (reverse True there, False here)"),
-        (
-            "burger",
-            {"max_linear": 0.1, "radius": 1.0},
-            "10 Hz burger, asked for 10 Hz custom (max_linear 0.2108 there, 0.1 here)",
-        ),
+        ("burger", {"reverse": False, "radius": 1.0}, "10 Hz burger, asked for 10 Hz custom (reverse True there, False here)"),
         ("tutorial", {"max_wheel": 1.0}, "10 Hz tutorial, asked for 10 Hz custom (max_wheel None there, 1.0 here)"),
         ("tutorial", {"robot": "tutorial"}, None),  # its limits are infinite, which JSON does not have
         ("burger", {"radius": 0.2}, None),  # for drawing
         ("burger", {"dt": 0.1 + 9e-10}, None),
-        ("burger", {"dt": 0.1 - 9e-10}, None),
     ],
 )
 def test_the_refusal_of_another_robot_or_period_names_every_difference(tmp_path, made_for, options, difference):
@@ -141,13 +133,6 @@ def test_code_in_a_pickled_file_is_run_only_where_it_is_allowed(tmp_path):
     assert not sprung.exists()
     load_model(zipped, "ppo", allow_pickle=True)
     assert sprung.exists()  # it would have run
-
-
-def test_the_hash_is_that_of_the_file_with_zeros_in_its_place(bundle):
-    digest, content = metadata(bundle)["sha256"], bundle.read_bytes()
-    assert content.count(digest.encode()) == 1
-    assert hashlib.sha256(content.replace(digest.encode(), b"0" * 64)).hexdigest() == digest
-    assert BundlePolicy(bundle).sha256 == digest
 
 
 def test_a_bundle_does_not_reveal_the_machine_it_was_made_on(tmp_path):

@@ -192,11 +192,9 @@ def test_a_localization_that_finds_the_robot_elsewhere_is_no_contradiction(seein
     [
         ({"pose": (0.0, math.nan, 0.0)}, r"^pose\[1\] must be a number .*, got nan\.$"),
         ({"pose": None}, "^pose must be given without a filter inside"),
-        ({"pose": (1.0, 2.0)}, "^pose must be 3 numbers"),
         ({"covariance": None}, "^covariance must be given without a filter inside"),
         ({"covariance": (-0.1, 0.1, 0.1)}, r"^covariance\[0\] must be a number from 0 to"),
         ({"covariance": np.eye(6)}, r"^covariance must be 3 variances, or a 3 x 3 matrix"),
-        ({"covariance": "small"}, r"^covariance must be 3 variances, or a 3 x 3 matrix"),
         ({"twist": (math.inf, 0.0)}, r"^twist\[0\] must be a number"),
         ({"goal": (0.0, 0.0, "north")}, r"^goal\[2\] must be a number"),
         ({"nis": math.nan}, "^nis must be a number"),
@@ -205,11 +203,8 @@ def test_a_localization_that_finds_the_robot_elsewhere_is_no_contradiction(seein
         ({"scan": np.full(360, 2.0)}, "^scan must be a turtlebot_gym.rooms.scan.Scan with ranges, first, increment"),
         ({"scan": SCAN._replace(increment=None)}, "^scan.increment must be a number"),
         ({"scan": SCAN._replace(increment=0.0)}, "^the scan's angle_increment must be finite and not 0"),
-        ({"scan": SCAN._replace(increment=0.1)}, "are more than a whole turn"),
-        ({"scan": SCAN._replace(ranges=np.full(360, np.nan))}, "^none of the scan's 360 beams says anything"),
         ({"scan": SCAN._replace(ranges=["a", "b"])}, "^scan.ranges must be numbers"),
         ({"scan_age": 1.5}, "^scan_age must be a number from 0 to 1 s, got 1.5"),
-        ({"scan_age": math.nan}, "^scan_age must be a number from 0 to 1 s"),
     ],
 )
 def test_what_cannot_be_read_is_refused_in_one_line(seeing, changed, message):
@@ -263,7 +258,6 @@ class TestTheFilterInside:
             ({"covariance": (0.0, 0.0, 0.0)}, "^covariance must be None and nis 0 with a filter inside"),
             ({"nis": 1.0}, "^covariance must be None and nis 0 with a filter inside"),
             ({"dt": 0.0}, "^dt must be a number above 0 and at most 1 s"),
-            ({"dt": math.nan}, "^dt must be a number above 0 and at most 1 s"),
         ],
     )
     def test_it_needs_no_covariance_and_a_known_interval(self, estimating, changed, message):

@@ -37,18 +37,3 @@ except SystemExit:
     pass
 """
     assert loaded(script) == []
-
-
-def test_a_training_is_configured_without_torch():
-    modules = loaded("from turtlebot_gym_agents.training.config import TrainingConfig; TrainingConfig()")
-    assert not {"torch", "stable_baselines3", "matplotlib", "onnxruntime"} & set(modules)
-
-
-def test_the_names_of_the_agents_package_are_found():
-    import turtlebot_gym_agents
-    from turtlebot_gym_agents import make_policy, policies
-
-    assert make_policy is policies.make_policy
-    assert all(hasattr(turtlebot_gym_agents, name) for name in turtlebot_gym_agents.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
-        turtlebot_gym_agents.Nothing  # noqa: B018

@@ -18,7 +18,6 @@ from turtlebot_gym.drive import position_error
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym_agents import compare, drive, evaluate, export, make_policy, replay, train, watch
 from turtlebot_gym_agents.front import satellites
-from turtlebot_gym_agents.training.config import TrainingConfig
 
 SMALL = {"n_envs": 16, "n_timesteps": 1024, "policy": "MlpPolicy", "n_steps": 16, "batch_size": 128, "n_epochs": 1}
 QUICK = {"config": SMALL, "evaluations": 2, "episodes": 4, "progress": False}
@@ -138,21 +137,14 @@ def test_a_training_drives_in_a_comparison_and_by_its_file(trained):
     assert make_policy(trained.policy)(np.zeros(13, np.float32)).shape == (2,)
 
 
-def test_a_training_goes_into_a_folder_once(trained, tmp_path):
-    with pytest.raises(ValueError, match="holds a run already: choose another folder"):
-        train("nav", trained.folders[0], **QUICK)
-    config = TrainingConfig(env="nav", config=SMALL, evaluations=1, episodes=4)
-    assert config.env == "turtlebot_gym/TurtleBotNav-v0"
-    with pytest.raises(ValueError, match="seeds must be a whole number"):
-        train(config, tmp_path / "run", seeds=0)
-
-
-def test_a_training_replaces_a_run_by_force(tmp_path):
+def test_a_training_replaces_a_run_by_force_only(tmp_path):
     for seed in (1, 2):
         again = train("nav", tmp_path / "run", seed=seed, force=True, **QUICK)
         assert [*again.folders] == [seed]
     assert json.loads((tmp_path / "run" / "config.json").read_text())["config"]["seed"] == 2
     assert len([*(tmp_path / "run").rglob("events.*")]) == 1
+    with pytest.raises(ValueError, match="holds a run already: choose another folder"):
+        train("nav", tmp_path / "run", **QUICK)
 
 
 @pytest.mark.slow

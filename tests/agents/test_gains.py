@@ -33,9 +33,7 @@ def test_a_file_drives_as_the_class_does(tmp_path):
         ("kv: 0.8\n", "it must have the policy's name, such as policy: proportional"),
         ("policy: proportionl\n", "Did you mean 'proportional'"),
         ("policy: proportional\ngain: 3\n", "ProportionalPolicy has no gain"),
-        ("policy: proportional\nkv: -1\n", "kv must be a positive number"),
         ("policy: proportional\ndt: 0.05\n", "dt must be left out"),
-        ("- 1\n", "it must have the policy's name"),
         ("policy: [\n", "is not YAML"),
     ],
 )
@@ -44,8 +42,3 @@ def test_what_a_file_cannot_say_is_refused(text, said, tmp_path):
         make_policy(write(tmp_path, text))
     assert str(caught.value).startswith(str(tmp_path))
     assert "\n" not in str(caught.value)
-
-
-def test_a_missing_file_is_named():
-    with pytest.raises(ValueError, match=r"nosuch\.yaml is not a baseline"):
-        make_policy("nosuch.yaml")

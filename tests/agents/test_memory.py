@@ -27,18 +27,17 @@ class Leaky:
         return np.tanh(self.sum)
 
 
-def recurrent_model(width=2, kind=TensorProto.FLOAT, rows="n", kept=KEPT):
+def recurrent_model(kept=KEPT):
     nodes = [
         helper.make_node("MatMul", ["observation", "W"], ["seen"]),
         helper.make_node("Mul", ["memory", "kept"], ["rest"]),
         helper.make_node("Add", ["rest", "seen"], ["next_memory"]),
         helper.make_node("Tanh", ["next_memory"], ["action"]),
     ]
-    ends = [("observation", TensorProto.FLOAT, 13), ("memory", kind, width), ("action", TensorProto.FLOAT, 2)]
-    observation, memory, action = (helper.make_tensor_value_info(name, of, [rows, size]) for name, of, size in ends)
-    after = helper.make_tensor_value_info("next_memory", kind, [rows, width])
+    ends = {"observation": 13, "memory": 2, "action": 2, "next_memory": 2}
+    values = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", size]) for name, size in ends.items()]
     constants = [numpy_helper.from_array(WEIGHTS, "W"), numpy_helper.from_array(np.float32(kept), "kept")]
-    graph = helper.make_graph(nodes, "leaky", [observation, memory], [action, after], constants)
+    graph = helper.make_graph(nodes, "leaky", values[:2], values[2:], constants)
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
 
 

@@ -1,6 +1,5 @@
 """A term of one's own is trained with, goes into the bundle by name, and is asked for wherever the bundle drives."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -10,7 +9,6 @@ from turtlebot_gym.systems import Options
 from turtlebot_gym.values import Covariance, Pose, State
 from turtlebot_gym_agents import Deployment
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
-from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.train import train
@@ -108,22 +106,3 @@ def test_rules_and_their_safety_layer_read_their_terms_in_any_observation():
         np.testing.assert_array_equal(plain.episodes.success, other.episodes.success)
     with pytest.raises(ValueError, match="vfh: it reads 'twist', which is not in the observation goal,scan"):
         evaluate("vfh", observation="goal,scan", **options)
-
-
-def test_a_policy_of_ones_own_may_read_a_term_of_ones_own():
-    summary = evaluate(f"{__name__}:careful", env=ROOMS, observation="ekf,own_terms:BUMPER", episodes=2).summary()
-    assert summary["success"].value == 0.0
-    env = gym.make(ROOMS, observation="ekf,own_terms:BUMPER")
-    with pytest.raises(
-        ValueError, match=r"observations must have shape \(\.\.\., 3\), with twist, own_terms:BUMPER, got \(51,\)"
-    ):
-        make_policy(f"{__name__}:careful")(env.reset(seed=1)[0])
-
-
-def careful(observations):
-    """Stand."""
-    assert observations.shape[-1] == 3
-    return np.zeros((*observations.shape[:-1], 2), np.float32)
-
-
-careful.terms = ("twist", "own_terms:BUMPER")

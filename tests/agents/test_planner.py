@@ -100,15 +100,6 @@ def test_a_wall_is_gone_around_also_when_it_is_no_longer_seen_until_its_row_is_f
     assert forgot == pytest.approx(0.0, abs=1e-6)
 
 
-def test_another_goal_changes_neither_the_grid_nor_the_robots_place_in_it():
-    policy = PlannerPolicy()
-    policy(sight((2.0, 0.0, 0.5), shares=WALL))
-    before = policy._memory.grid.copy(), policy._memory.pose.copy()
-    policy(sight((-1.0, 2.0, -2.0), shares=WALL))
-    np.testing.assert_array_equal(policy._memory.grid, before[0])
-    np.testing.assert_allclose(policy._memory.pose, before[1], atol=1e-6)
-
-
 def test_the_grid_moves_with_its_robot():
     policy, post = PlannerPolicy(), np.ones(SECTORS)
     post[9] = 1.0 / SIGHT
@@ -116,15 +107,6 @@ def test_the_grid_moves_with_its_robot():
         policy(sight((15.0, 0.0, 0.0), at=(x, 0.0, 0.0), shares=post if x == 5.0 else NOTHING))
         assert np.abs(policy._memory.pose[0, 0]) < 0.3 * SIDE * CELL
     assert cells(policy) == pytest.approx(5.0 - 15.0 + 1j, abs=0.2)
-
-
-def test_a_robot_that_makes_no_progress_tries_another_path():
-    """It stands before a wall, whatever the policy answers; the nearer end is on the left."""
-    policy, turns = PlannerPolicy(), []
-    for _ in range(150):
-        turns.append(policy(sight(shares=WALL))[1])
-    assert turns[0] > 0.2
-    assert min(turns) < -0.2
 
 
 def test_a_robot_that_moves_back_and_forth_is_stuck_and_one_that_turns_round_is_not():

@@ -8,9 +8,7 @@ from turtlebot_gym.models.unicycle import execution_variances
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.values import Command
-from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import make_policy
-from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.protection import CREEP, SURE, SafetyLayer
 from turtlebot_gym_agents.policies.sight import UNSEEN, arc
 
@@ -172,10 +170,3 @@ def test_where_the_layer_has_stopped_a_robot_geometry_steers_for_a_while_until_i
         guided, own = layer(free)[:, 1] != 0.0
         assert guided == expected
         assert not own
-
-
-@pytest.mark.slow
-def test_the_safety_layer_prevents_most_collisions_of_a_policy_that_sees_nothing():
-    blind, layered = (evaluate(name, env=ROOMS, episodes=60, seed=3).summary() for name in ("bearing", "bearing+safety"))
-    assert blind["collision"].value > 0.3
-    assert layered["collision"].value <= 1.0 / 60.0

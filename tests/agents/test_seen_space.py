@@ -114,14 +114,6 @@ def test_who_insists_makes_the_robot_look_around_once():
     assert not any(command.omega for command in driven[first:])
 
 
-def test_no_more_than_an_interval_is_needed_to_forget():
-    space = SeenSpace(ROBOT, PERIOD)
-    asked(FAR, [AHEAD], space=space)
-    space.reset()
-    assert asked(seeing("behind 120"), [AHEAD], space=space)[0].v == 0.0
-    assert "look" in space.notice
-
-
 WALL = 0.8
 """Distance of a wall ahead of a robot that stands in the open, m."""
 

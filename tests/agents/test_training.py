@@ -11,7 +11,6 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3 import PPO
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents.evaluation.driving import judge
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, EvaluationCallback
@@ -99,32 +98,11 @@ def test_seeds_give_other_episodes_and_one_seed_the_same():
     assert len(np.unique(rows, axis=0)) == 3 * 64
 
 
-@pytest.mark.parametrize("error", [0.02, 0.15])
-def test_randomized_environments_differ_by_as_much_as_asked_for(error):
-    """Of 64 uniform numbers the largest is below 0.8 of the range once in a million."""
-    parameters = replace(small, randomize=True, speed_error=error).make_training().unwrapped.parameters
-    scales = [p.noise.process.scale for p in parameters]
-    assert len(set(scales)) == 64
-    assert 0.8 * error < max(abs(scale - 1.0) for scale in scales) < error
-
-
-def test_options_reach_the_bundle(tmp_path):
-    config = replace(small, robot=ROBOTS["waffle"], noise="rough", observation="odometry", delay=1, steps=1024)
-    train(config, tmp_path / "run", progress=False)
-    card = BundlePolicy(tmp_path / "run" / "policy.onnx", robot="waffle").card
-    assert (card.robot["name"], card.noise, card.observation) == ("waffle", "rough", "odometry")
-    assert card.training["config"]["delay"] == 1
-
-
-@pytest.mark.parametrize(
-    "device", ["auto", pytest.param("cuda", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU"))]
-)
-def test_a_run_records_its_device(device, tmp_path):
-    train(replace(small, device=device, steps=1024), tmp_path / "run", progress=False)
-    record = json.loads((tmp_path / "run" / "config.json").read_text())
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+def test_a_run_records_its_device(tmp_path):
+    train(replace(small, device="cuda", steps=1024), tmp_path / "run", progress=False)
     card = BundlePolicy(tmp_path / "run" / "policy.onnx").card
-    assert record["config"]["device"] == card.training["config"]["device"] == device
-    assert record["device"] == card.training["device"] == ("cuda" if device == "cuda" else "cpu")
+    assert card.training["config"]["device"] == card.training["device"] == "cuda"
 
 
 def test_callbacks_serve_a_users_script(tmp_path):
