@@ -11,9 +11,8 @@ from ``range_min`` to ``range_max``   measured                            itself
 NaN, negative, below ``range_min``    missing: it says nothing            NaN
 ====================================  ==================================  ==========
 
-An LDS-01 sends 0 where nothing returned, an LDS-02 NaN where a beam is missing. The number of beams, their increment, its sign
-and the first direction may differ from scan to scan, and a scan may cover a part of the circle. It is refused only if it cannot
-be read at all.
+The number of beams, their increment, its sign and the first direction may differ from scan to scan, and a scan may cover a part
+of the circle. It is refused only if it cannot be read at all.
 """
 
 from __future__ import annotations
@@ -82,10 +81,7 @@ def beams_of(ranges: ArrayLike, *, first: float, increment: float, range_min: fl
 
 
 def narrow_gap(radius: float, ahead: float) -> float:
-    """Return the angle of a gap that is as wide as a robot, of a radius, where it must brake, rad.
-
-    ``ahead`` is the way that it makes and the room that it leaves until it stands, at full speed, m.
-    """
+    """Return the angle of a gap as wide as a robot, of a radius, at the distance ``ahead`` in which it stops; m, rad."""
     return 2.0 * math.asin(radius / (radius + ahead))
 
 

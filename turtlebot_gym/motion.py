@@ -24,11 +24,7 @@ class Motion(NamedTuple):
 
 
 class Track:
-    """The commands of the wheels, and the motion to which they have led.
-
-    Args:
-        now: Current steady time, s.
-    """
+    """The commands of the wheels, and the motion to which they have led, from the steady time ``now`` on, s."""
 
     def __init__(self, now: float) -> None:
         self._log = [(now, Motion((0.0, 0.0, 0.0), 0.0, 0.0), STOP)]

@@ -86,10 +86,7 @@ def _matrix(transform: Any) -> NDArray[np.float64]:
 
 
 def yaw_of_rotation(w: float, x: float, y: float, z: float) -> float:
-    """Return the heading of a rotation given as a unit quaternion, rad, in [-pi, pi).
-
-    About the vertical axis half the heading is the angle of (w, z), of any length, which loses no bit.
-    """
+    """Return the heading of a rotation given as a unit quaternion, rad, in [-pi, pi)."""
     half = math.atan2(z, w) if w >= 0.0 else math.atan2(-z, -w)  # q and -q are the same rotation
     yaw = 2.0 * half if x == y == 0.0 else math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return -math.pi if yaw >= math.pi else yaw

@@ -118,9 +118,6 @@ class FixNoise:
     R: Annotated[tuple[float, ...], config.Numbers(config.POSITIVE_OR_INFINITE)]
     """Variances of the white noise on x, y and heading; m^2, m^2, rad^2. Two values, or an infinite third one, mean that the
     heading is not measured."""
-    cross: Annotated[tuple[float, ...], config.Numbers(config.FINITE, 3)] = (0.0, 0.0, 0.0)
-    """Covariances of x and y, of x and heading, and of y and heading; m^2, m rad, m rad: in a corridor that is not along an
-    axis the errors of x and y are correlated."""
     period: Annotated[float, config.POSITIVE] = 0.5
     """Time from one measurement to the next, s."""
     delay: Annotated[float, config.Range(0.0, MAX_FIX_AGE, unit="s")] = 0.0
@@ -133,8 +130,6 @@ class FixNoise:
         if len(self.R) not in (2, 3) or math.inf in self.R[:2]:
             raise config.refusal("FixNoise.R", "two or three variances, those of x and y finite", self.R)
         object.__setattr__(self, "R", (*self.R, math.inf)[:3])
-        if not is_covariance(self.R, self.cross):
-            raise config.refusal("FixNoise.cross", f"covariances of errors with the variances {self.R}", self.cross)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -118,13 +118,9 @@ class ScanWatch:
     def hear(
         self, beams: Beams, sent: float, *, mount: tuple[float, float, float] = (0.0, 0.0, 0.0), range_max: float = math.inf
     ) -> Beams:
-        """Take a scan, and return it without the beams that say nothing, see `silence`.
+        """Take a scan, sent at a steady time, s, and return it without the beams that say nothing, see `silence`.
 
-        Args:
-            beams: The scan.
-            sent: Steady time at which it was sent, s.
-            mount: Pose of the LiDAR in the robot's frame; m, m, rad.
-            range_max: Its greatest range, m.
+        ``mount`` is the pose of the LiDAR in the robot's frame; m, m, rad.
 
         Raises:
             ValueError: With one line, if none of its beams says anything.

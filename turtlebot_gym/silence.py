@@ -11,8 +11,7 @@ robot could not pass unseen is *unknown* in three cases:
 * **Proved.** Its beams were unknown by an edge, and have not returned anything in `HEALED` scans in a row since.
 
 A cover whose edges show nothing within the reach cannot be told from a hall. A surface that only returns what hits it steeply
-(glass, black gloss) along which the robot drives straight, and somebody who walks beside the robot in a hall without anything
-else in range, cannot be told from a cover: there the robot stops.
+(glass, black gloss), and somebody who walks beside the robot in a hall, cannot be told from a cover: there the robot stops.
 """
 
 from __future__ import annotations
@@ -49,11 +48,7 @@ class _Edge(NamedTuple):
 
 
 class Silence:
-    """Judge beams without a return by earlier scans.
-
-    Args:
-        narrow: Angle up to which a run hides nothing as wide as the robot, rad.
-    """
+    """Judge beams without a return by earlier scans; a run up to the angle ``narrow``, rad, hides nothing."""
 
     def __init__(self, narrow: float) -> None:
         self._narrow = narrow
@@ -69,10 +64,7 @@ class Silence:
     def hear(self, beams: Beams, range_max: float, places: tuple[Place, Place]) -> Beams:
         """Return a scan in which unknown beams are missing.
 
-        Args:
-            beams: The scan.
-            range_max: The LiDAR's greatest range, m.
-            places: Where the LiDAR was at the latest and at the earliest time at which the scan may have been measured.
+        ``places`` are where the LiDAR was at the latest and at the earliest time at which the scan may have been measured.
         """
         around = TURN / beams.spacing
         if not (self._count <= around and (self._count == BINS or around < LOOSE * self._count)):  # drivers vary it a little

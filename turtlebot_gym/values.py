@@ -83,8 +83,7 @@ class Fix(NamedTuple):
     arrived: bool
     """Whether a fix arrived in this step."""
     cross: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Covariances of x and y, of x and heading, and of y and heading; m^2, m rad, m rad. 0 for a heading that was not
-    measured."""
+    """Covariances of x and y, x and heading, y and heading; m^2, m rad, m rad; 0 for a heading that was not measured."""
 
 
 class Covariance(NamedTuple):

@@ -100,8 +100,6 @@ NEEDED = {Robot: asdict(ROBOTS["burger"]), FixNoise: {"R": (0.1, 0.1)}, FilterTu
     [
         *((FilterTuning, "kind", wrong) for wrong in (1.0, FixNoise, None)),
         *((FixNoise, "R", R) for R in ((0.1,), (0.1,) * 4, (0.1, math.inf))),
-        (FixNoise, "cross", (0.0, 0.0, 0.01)),
-        (FixNoise, "cross", (0.2, 0.0, 0.0)),
         (OdometryNoise, "leap_probability", 0.1),
         (Task, "min_distance", 2.5),
         (Lidar, "range_min", 99.0),

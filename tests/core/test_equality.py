@@ -24,7 +24,7 @@ HEAVY = Robot(
     max_linear=0.3, max_angular=1.9, max_wheel=0.306, max_linear_acceleration=0.9, max_angular_acceleration=7.0, reverse=False
 )
 COURSE = [(0.3, 0.0, 0.0), (0.4, 0.1, 1.0), (0.0, 0.3, -2.0)]
-LATE = FixNoise(R=(0.01, 0.02, 0.03), cross=(0.008, 0.01, 0.002), period=0.4, delay=0.3, dropout_probability=0.3)
+LATE = FixNoise(R=(0.01, 0.02, 0.03), period=0.4, delay=0.3, dropout_probability=0.3)
 NOISY = "pose, everything noisy"
 CASES = {
     "nav": {},

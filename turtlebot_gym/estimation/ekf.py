@@ -98,25 +98,19 @@ def correct(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float]:
 
 
 class Verdict(NamedTuple):
-    """What becomes of a measured pose."""
+    """What becomes of a measured pose: refused or not; if refused, whether the filter is lost and starts anew from it."""
 
     refused: bool
-    """Whether it is refused."""
     lost: bool
-    """Whether the filter starts anew from it; never without `refused`."""
     rejections: float
     """Number of measurements refused in a row, or `ONE_MEASUREMENT`."""
 
 
 @kernel
 def judge(rejections: float, measured: bool, is_outlier: bool, tuning: FilterTuning, dt: float) -> Verdict:
-    """Return the verdict on a measurement, if there is one, whose normalized innovation squared exceeds the gate or not.
-
-    ``rejections`` is as in `Verdict`; the tuning's kind has the numbers of `parameters.Kalman`; dt is the interval in s.
-    """
+    """Return the verdict on a measurement, if there is one, by a tuning with the numbers of `parameters.Kalman`; dt in s."""
     rules, count = tuning.kind, max(rejections, 0.0) + 1.0
-    refused = measured & is_outlier
-    enough = max(1.0 * rules.max_rejections, rules.lockout / dt - 1e-9)
+    refused, enough = measured & is_outlier, max(1.0 * rules.max_rejections, rules.lockout / dt - 1e-9)
     lost = refused & ((rejections < 0.0) | (count >= enough))
     after = count if refused else (0.0 if measured else rejections)
     return Verdict(refused, lost, ONE_MEASUREMENT if lost else after)

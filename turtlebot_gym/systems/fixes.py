@@ -10,7 +10,6 @@ from functools import cache
 from typing import NamedTuple
 
 from turtlebot_gym.estimation.fixes import NO_FIX
-from turtlebot_gym.estimation.update import inverse_of
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.random import EVENTS, FIX, HEADING, POSITION, normals, sub_key, uniforms
@@ -34,18 +33,11 @@ class TrackedFix(NamedTuple):
 @kernel
 def _measure(was: Pose, noise: FixNoise, key: int, stamp: int) -> Pose:
     """Return a pose as it is measured; without a heading, it is 0."""
-    R, (xy, xt, yt) = noise.R, noise.cross
+    R, sees_heading = noise.R, noise.R[2] < 1e300
     first, second = normals(key, stamp, POSITION)
     turn, _ = normals(key, stamp, HEADING)
-    sees_heading = R[2] < 1e300
-    # Correlated draws, by the lower triangular root of the covariance.
-    of_x = sqrt(R[0])
-    y_by_x, t_by_x = xy / of_x, xt / of_x
-    of_y = sqrt(max(R[1] - y_by_x * y_by_x, 0.0))
-    t_by_y = (yt - t_by_x * y_by_x) * inverse_of(of_y)
-    root = sqrt(max((R[2] if sees_heading else 0.0) - t_by_x * t_by_x - t_by_y * t_by_y, 0.0))
-    theta = wrap(was.theta + t_by_x * first + t_by_y * second + root * turn) if sees_heading else 0.0
-    return Pose(was.x + of_x * first, was.y + y_by_x * first + of_y * second, theta)
+    theta = wrap(was.theta + sqrt(R[2] if sees_heading else 0.0) * turn) if sees_heading else 0.0
+    return Pose(was.x + sqrt(R[0]) * first, was.y + sqrt(R[1]) * second, theta)
 
 
 @kernel
@@ -72,7 +64,7 @@ def fix_sensor(late: int) -> Sensor:
         fix = before._replace(arrived=arrived, passed=passed)
         if arrived:
             pose = _measure(passed[late], p.fix, own_key, stamp)
-            fix = fix._replace(pose=pose, R=p.fix.R, age=late * p.dt, cross=p.fix.cross)
+            fix = fix._replace(pose=pose, R=p.fix.R, age=late * p.dt)
         return fix
 
     return Sensor("fix", first, sense, FixNoise(R=(0.01, 0.01)))
