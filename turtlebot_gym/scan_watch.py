@@ -11,9 +11,8 @@ beams that return nothing see `silence`.
 **Motion.** Points of a scan, moved as the robot has moved since, must lie on the surfaces that the next one shows. If they fit
 clearly better with the motion turned by a quarter or half a turn, `VOTES` times in a row, the LiDAR is mounted so. If they do
 with left and right exchanged, it is upside down or clockwise, which only turns show; if they do without any motion,
-`STILL_VOTES` times, the scans are late or another robot's. A misfit is the distance from a surface, along which motion cannot
-be seen: in a corridor whose ends are out of sight all ways of driving along it fit equally well. People who move, wheels that
-slip and rooms that are symmetrical make the fits equally bad, or equally good, and are no vote.
+`STILL_VOTES` times, the scans are late or another robot's. Fits that are equally bad or good, as with people who move, wheels
+that slip, symmetrical rooms and along a corridor whose ends are out of sight, are no vote.
 
 **Parts.** In a part of the LiDAR that stands still while the rest moves, points fit better without the motion. How much better
 adds up over the comparisons. Somebody who walks beside the robot at its pace looks like that, too: the part is believed again
@@ -81,13 +80,12 @@ _Misses = tuple[NDArray[np.float64], NDArray[np.float64]]  # directions, as shar
 
 
 class ScanWatch:
-    """Judge a LiDAR by its scans and the robot's motion.
+    """Judge a LiDAR by its scans and the robot's motion, from the steady time ``now`` on, s.
 
     Args:
         lag: Longest time from a command to its effect in a scan, s: wheels, one revolution, and the driver.
         returns: Least share of a scan's beams that return something; with 0, those that return nothing are believed.
         narrow: Angle up to which beams without a return hide nothing as wide as the robot, rad.
-        now: Current steady time, s.
     """
 
     def __init__(self, *, lag: float, returns: float, narrow: float, now: float) -> None:

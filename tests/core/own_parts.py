@@ -1,12 +1,9 @@
 """Filters, systems and failures of a user's own, which tests name as "own_parts:NAME"."""
 
-from dataclasses import replace
-
 import numpy as np
 from textbook import Textbook
 
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.parameters import Tutorial
 from turtlebot_gym.rewards import RewardTerm
 from turtlebot_gym.systems import Body, system_of
 from turtlebot_gym.values import State
@@ -21,13 +18,6 @@ class Extended(Textbook):
     def predict(self, twist, dt):
         self.dt = dt
         super().predict(twist)
-
-
-class Remembering(Extended):
-    """A filter whose twist is correlated with its pose, as the tutorial's is."""
-
-    def __init__(self, tuning):
-        super().__init__(replace(tuning, kind=Tutorial()))
 
 
 class Small(Extended):

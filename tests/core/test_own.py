@@ -30,15 +30,6 @@ def test_the_same_equations_as_a_class_give_the_same_estimates(options):
     assert math.dist(first.mean[:2], episodes[0].world.body.true_state[:2]) < 0.5
 
 
-def test_a_class_keeps_all_of_its_covariance():
-    theirs = make_filter({"base": "matched", "kind": "Tutorial"}, make_noise("documented"))
-    episodes = [Episode(make_parameters(noise="documented", filter=each), seed=3) for each in ("own_parts:Remembering", theirs)]
-    for _ in range(30):
-        for episode in episodes:
-            episode.act((0.5, 0.1))  # where no heading is near pi
-    np.testing.assert_allclose(*(episode.world.estimate.belief.mean for episode in episodes), atol=1e-9)
-
-
 def test_environments_take_a_system_by_name():
     env = gym.make(NAV, system="own_parts:sledge", noise="clean")
     env.reset(seed=1)

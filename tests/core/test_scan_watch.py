@@ -1,14 +1,12 @@
 """A LiDAR that is frozen, covered or mounted otherwise is refused with the reason; one at work is not."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from turtlebot_gym.beams import Beams
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.motion import Motion
 from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
@@ -183,10 +181,3 @@ def test_a_wrong_mount_stays_refused_until_a_person_enables_the_robot():
         assert w.trouble() == said
     w.forget()
     assert w.trouble() == ""
-
-
-def test_a_scan_is_compared_by_where_the_robot_was_in_the_middle_of_its_age():
-    watched, asked = watch(), []
-    watched.track = SimpleNamespace(at=lambda time: asked.append(time) or Motion((0.0, 0.0, 0.0), 0.0, 0.0))
-    watched.hear(beams(BOX), T + 1.0)
-    assert any(time == pytest.approx(T + 0.8) for time in asked)

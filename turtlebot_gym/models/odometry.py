@@ -46,8 +46,7 @@ def miscounts(v: float, noise: OdometryNoise, key: int, at: int, dt: float) -> b
 def counted(before: Pose, after: Pose, v: float, noise: OdometryNoise, key: int, at: int, dt: float) -> Pose:
     """Return the pose that the wheels integrate in a step, with what goes wrong: wrong directions, leaps and resets.
 
-    ``before`` and ``after`` are the integrated poses at its start and end, by the wheels' motion, ``v`` is their speed, m/s;
-    ``key`` is the episode's, ``at`` the step's number and ``dt`` the control interval, s.
+    ``before`` and ``after`` are the integrated poses at its start and end, by the wheels' motion; ``v`` is their speed, m/s.
     """
     share, wrong = dt / REFERENCE_PERIOD, miscounts(v, noise, key, at, dt)
     x, y = (2.0 * before.x - after.x if wrong else after.x), (2.0 * before.y - after.y if wrong else after.y)
@@ -62,10 +61,9 @@ def counted(before: Pose, after: Pose, v: float, noise: OdometryNoise, key: int,
 
 @kernel
 def sense(pose: Pose, wheels: Pose, twist: Command, before: Odometry, noise: OdometryNoise, key: int, at: int) -> Odometry:
-    """Return the odometry at a step; if a measurement is lost, the last pose that arrived is kept.
+    """Return the odometry at a step: if a measurement is lost, the last pose that arrived; that of step 0 always arrives.
 
-    ``pose`` is the true one, ``wheels`` that of the wheels, ``twist`` the executed one, and ``before`` the odometry one step
-    earlier. ``key`` is that of the episode, ``at`` the step's number: the measurement of step 0 always arrives.
+    ``pose`` is the true one, ``wheels`` that of the wheels, and ``before`` the odometry one step earlier.
     """
     heading, _ = normals(key, at, HEADING)
     event, dropout = uniforms(key, at, EVENTS)
@@ -77,9 +75,8 @@ def sense(pose: Pose, wheels: Pose, twist: Command, before: Odometry, noise: Odo
 
 @kernel
 def increment(pose: Pose, before: Pose, after: Pose, sincos_turn: tuple[float, float]) -> Pose:
-    """Move a pose as the odometry moved from ``before`` to ``after``.
+    """Move a pose as the odometry moved from ``before`` to ``after``; so it changes frames, too.
 
-    So it changes frames, too: if ``pose`` in one frame is ``before`` in another, ``after`` is what is returned.
     ``sincos_turn`` has sine and cosine of ``pose.theta - before.theta``, the turn from odometry's frame into the pose's.
     """
     (sine, cosine), dx, dy = sincos_turn, after.x - before.x, after.y - before.y

@@ -85,8 +85,7 @@ def advance(pose: Pose, v: float, omega: float, dt: float, integrator: float) ->
 def execution_variances(command: Command, noise: ProcessNoise, dt: float) -> tuple[float, float]:
     """Return the variances of the executed speed and turning rate around the command; m^2/s^2, rad^2/s^2.
 
-    White noise on a twist causes a displacement whose variance grows with the *number* of steps times dt^2. The noise variance
-    is therefore scaled by 0.1 s / dt, which makes the drift per metre the same at every control rate.
+    They are scaled by 0.1 s / dt, which makes the drift per metre the same at every control rate.
     """
     v2, omega2 = command.v * command.v, command.omega * command.omega
     scale = REFERENCE_PERIOD / dt

@@ -135,9 +135,9 @@ def _add_run(bodies: Any, count: int, run: Run, lengths: Any, sweep: Sweep, trai
 def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, bodies: Any) -> int:
     """Write the bodies that a scan shows, and return their number.
 
-    A LiDAR that turns measures the last beam of a revolution just before the first of the next. A run that has begun there is
-    continued; until then it is a body of which a part is hidden. ``tail`` and ``returns`` are those of a `TrackerMemory`, and
-    are brought up to date; ranges are infinite without a return, and NaN where a beam is missing, m.
+    A run at the end of a revolution goes on in the next; until then it is a body of which a part is hidden. ``tail`` and
+    ``returns`` of a `TrackerMemory` are brought up to date. Ranges are infinite without a return, and NaN where a beam is
+    missing, m.
     """
     number, width = sweep.number, min(len(tail), sweep.number)
     lengths = np.empty(width + number)

@@ -148,13 +148,11 @@ def _distance(track: Any, body: Any) -> float:
 
 @kernel
 def _evidence(body: Any) -> float:
-    """Return the evidence of a body that what it belongs to moves."""
     return -DOUBT if body[MOVED] == 0.0 else 1.0 if body[WHOLE] > 0.0 else PART
 
 
 @kernel
 def _is_fast(track: Any) -> bool:
-    """Return whether a track is too fast for something that stands."""
     return bool(track[VX] * track[VX] + track[VY] * track[VY] >= SLOW * SLOW)
 
 
@@ -249,7 +247,7 @@ def _write(seen: Any, place: int, track: Any, now: float, pose: Pose, twist: Com
     dt, (sine, cosine) = now - track[TIME], sincos(pose.theta)
     pp, _, vv = predicted(track, dt)
     dx, dy = track[PX] + dt * track[VX] - pose.x, track[PY] + dt * track[VY] - pose.y
-    # Ranges that are too long by a share lengthen the way from the robot, and the velocity relative to it, by that share.
+    # Ranges too long by a share lengthen way and relative velocity by it; ``scale`` is its standard deviation.
     ux, uy = track[VX] - twist.v * cosine, track[VY] - twist.v * sine
     numbers = (
         cosine * dx + sine * dy,
@@ -268,10 +266,7 @@ def _write(seen: Any, place: int, track: Any, now: float, pose: Pose, twist: Com
 
 @kernel
 def look(tracks: Any, seen: Any, now: float, pose: Pose, twist: Command, scale: float) -> None:
-    """Write the nearest tracks as the term `observations.TRACKS` lists them, at a time, s, and the odometry's pose and twist.
-
-    ``scale`` is the standard deviation of the share by which all ranges may be too long.
-    """
+    """Write the nearest tracks as the term `observations.TRACKS` has them, at a time, s, and the odometry's pose and twist."""
     nearest = -1.0
     seen.fill(0.0)
     for place in range(NEAREST):
