@@ -232,13 +232,12 @@ class Agreement:
         seen = [twist for time, _, twist in orders if now.time - time <= SEEN + 1e-6]
         for axis, (least, verb, stands, name) in enumerate(AXES):
             wrong = f"the {name} has the wrong sign: the command is to {verb} the other way"
-            told = [order[axis] for _, order, _ in orders]
-            against = -1.0 if told[-1] > 0.0 else 1.0
-            other, most = [against * twist[axis] for twist in seen], max(against * value for value in told)
-            if abs(told[-1]) >= least > most and len(other) > 2 and min(other[-2:]) > max(other[0], 0.0) + 2.0 * least:
+            sign = 1.0 if command[axis] > 0.0 else -1.0
+            told, answers = [sign * order[axis] for _, order, _ in orders], [sign * twist[axis] for twist in seen]
+            order = min(told)
+            becomes_faster = len(answers) > 2 and max(answers[-2:]) < min(answers[0], 0.0) - 2.0 * least
+            if told[-1] >= least > -order and becomes_faster:
                 return wrong
-            sign = 1.0 if told[0] > 0.0 else -1.0
-            order, answers = min(sign * value for value in told), [sign * twist[axis] for twist in seen]
             if order < least:
                 continue
             if max(map(abs, answers)) < ANSWER * order and abs(answers[-1] - answers[0]) < 0.5 * ANSWER * order:

@@ -20,23 +20,8 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.points import remember, rest
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS, TRACKS
-from turtlebot_gym.tracking.bodies import (
-    AT,
-    COLUMNS,
-    DEPTH,
-    MOST_BODIES,
-    MOVED,
-    RADIUS,
-    TAKEN,
-    UX,
-    UY,
-    VARIANCE,
-    WHOLE,
-    X,
-    Y,
-    find_bodies,
-    mark_moved,
-)
+from turtlebot_gym.tracking import bodies as found
+from turtlebot_gym.tracking.bodies import AT, COLUMNS, DEPTH, MOST_BODIES, MOVED, RADIUS, TAKEN, UX, UY, VARIANCE, WHOLE, X, Y
 from turtlebot_gym.tracking.sweep import BINS, EVERY, HEAD, NUMBER, PAST, Sweep, keep_scan
 from turtlebot_gym.values import Command, Pose
 
@@ -233,8 +218,8 @@ def on_scan(memory: TrackerMemory, ranges: Any, sweep: Sweep) -> None:
     The odometry must reach from its first beam to the last.
     """
     past, returns, bodies, trail, clock = memory.past, memory.returns, memory.bodies, memory.trail, memory.clock
-    count = find_bodies(ranges, memory.tail, returns, sweep, trail, bodies)
-    mark_moved(bodies, count, past, returns, sweep, trail, clock[_TURNED])
+    count = found.find_bodies(ranges, memory.tail, returns, sweep, trail, bodies)
+    found.mark_moved(bodies, count, past, returns, sweep, trail, clock[_TURNED])
     follow(memory.tracks, bodies, count, sweep.last)
     if sweep.last - clock[_KEPT] >= EVERY - 1e-6:
         keep_scan(past[int(clock[_SLOT])], ranges, sweep, trail, clock[_TURNED])
