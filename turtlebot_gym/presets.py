@@ -130,7 +130,7 @@ def _gated(noise: Noise) -> FilterTuning:
 
 
 def _gyro(noise: Noise, imu: Any) -> FilterTuning:
-    """Return the matched tuning of the filter that reads a gyro, for its noise, a `systems.imu.ImuNoise`: `estimation.gyro`."""
+    """Return the matched tuning of the filter `estimation.gyro`, for the gyro's noise, a `systems.sensors.ImuNoise`."""
     if not imu:
         raise ValueError("filter 'gyro' reads the sensor 'imu': choose one with imu=..., such as imu='calibrated'.")
     white, walk = max(imu.variance, TURN_FLOOR**2 * 1e-4), imu.bias_walk

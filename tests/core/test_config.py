@@ -32,7 +32,7 @@ from turtlebot_gym.presets import FIXES
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.worlds import find_lidar, find_world
-from turtlebot_gym.systems.imu import IMUS
+from turtlebot_gym.systems.sensors import IMUS
 from turtlebot_gym.tasks import TASKS, Task
 
 NO_NUMBERS = [math.nan, -math.inf, "1", None, True, np.bool_(True), 1j, [1.0], np.array([1.0]), {}]

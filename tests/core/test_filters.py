@@ -14,7 +14,7 @@ from turtlebot_gym.estimation.filters import KalmanFilter, covariance_of, filter
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman, Tutorial
 from turtlebot_gym.presets import POSE_GATE, ROUGH, TUTORIAL_FILTER, WHEEL
-from turtlebot_gym.systems.imu import Imu, ImuNoise
+from turtlebot_gym.systems.sensors import Imu, ImuNoise
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State, senses_of
 
 SEEN = senses_of(("odometry", "imu"))

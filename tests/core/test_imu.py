@@ -7,16 +7,13 @@ import pytest
 from textbook import difference
 
 from turtlebot_gym import Episode, make_parameters
-from turtlebot_gym.models.random import FIX, ROOM, SCAN, SENSOR
-from turtlebot_gym.systems import imu
-from turtlebot_gym.systems.imu import ImuNoise
+from turtlebot_gym.systems.sensors import ImuNoise
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP
 
 
 def test_readings_have_the_stated_noise_bias_and_drift():
     """Standard errors are 7 % for 100 seeds: 36 % is more than five of them, a false alarm in a million."""
-    assert imu._USE not in (ROOM, SCAN, FIX, SENSOR)  # it shares its random numbers with nothing else in an episode
     for noise, first, last in (
         ({"variance": 0.04}, 0.2, 0.2),
         ({"bias_deviation": 0.3}, 0.3, 0.3),

@@ -22,7 +22,7 @@ from turtlebot_gym.presets import matched
 from turtlebot_gym.rewards import ON_GROUND, default_weights
 from turtlebot_gym.robots import LidarMount, Robot
 from turtlebot_gym.systems import Options, Parameters, system_of
-from turtlebot_gym.systems.imu import ImuNoise
+from turtlebot_gym.systems.sensors import ImuNoise
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.values import Pose
 

@@ -41,11 +41,6 @@ class Remembered(NamedTuple):
     """Number of steps from the oldest estimate to the newest."""
 
 
-def late_by(age: float, dt: float) -> int:
-    """Return how many steps of dt, s, a fix of an age, s, is late: so many steps must be stored for it."""
-    return round(age / dt)
-
-
 NO_FIX = Fix(ORIGIN, (1.0, 1.0, 1.0), 0.0, False)
 
 

@@ -46,11 +46,9 @@ class _GyroEstimate(NamedTuple):
     rejections: float
     """See `ekf.Estimate`."""
     offset: float
-    """The turning rate is this, rad/s, ..."""
+    """The turning rate is this, rad/s, minus a `share` of the bias, with an error of the variance `rest`, (rad/s)^2."""
     share: float
-    """... minus this share of the bias, ..."""
     rest: float
-    """... with an error of this variance, (rad/s)^2, that nothing else has."""
 
 
 @kernel

@@ -1,15 +1,9 @@
 """A filter written as a plain Python class over NumPy arrays: the slow path, for trying an idea.
 
-    class MyFilter:
-        def __init__(self, tuning):         # Q, R and process as matched to the noise, see `FilterTuning`
-            self.x = np.zeros(5)            # x, y, theta, v, omega, and further states if it has any
-            self.P = np.eye(5)
-
-        def predict(self, twist, dt): ...   # (v, omega) that is executed from now on, and the interval, s
-        def update(self, z, R): ...         # a measured (x, y, theta), and its variances; infinite for an unknown heading
-
-With a fix whose errors are correlated, R is their 3 x 3 matrix instead. ``x`` and ``P`` are its whole memory: set before each
-call, and read after it. It runs as plain Python, some thousand times slower than a filter of kernels, `interface.Filter`.
+It is made with a `FilterTuning`, and has ``x`` (x, y, theta, v, omega, and further states), ``P``, ``predict(twist, dt)`` with
+the (v, omega) that is executed from now on, and ``update(z, R)`` with a measured pose and its variances, infinite for an
+unknown heading, or the 3 x 3 matrix of correlated errors. ``x`` and ``P`` are its whole memory: set before each call, and read
+after it. It runs as plain Python, some thousand times slower than a filter of kernels, `interface.Filter`.
 """
 
 from __future__ import annotations

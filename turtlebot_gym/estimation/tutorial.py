@@ -17,10 +17,8 @@ from turtlebot_gym.models.unicycle import expected, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Tutorial
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 
-PLACES = tuple((i, j) for i in range(5) for j in range(i, 5))
-"""Places of the 15 numbers of a symmetric 5 x 5 matrix, row by row from the diagonal on."""
-ROWS = tuple(tuple(PLACES.index((min(i, j), max(i, j))) for j in range(5)) for i in range(5))
-"""Where the numbers of each row are among the 15."""
+PLACES = tuple((i, j) for i in range(5) for j in range(i, 5))  # of a symmetric 5 x 5 matrix, row by row from the diagonal on
+ROWS = tuple(tuple(PLACES.index((min(i, j), max(i, j))) for j in range(5)) for i in range(5))  # where a row's numbers are there
 
 
 class TutorialEstimate(NamedTuple):

@@ -22,8 +22,7 @@ _STREAMS = 16
 PROCESS, POSITION, HEADING, EVENTS, SLIP, START, GOAL, LEAP, COUNT = range(9)
 
 # Uses of an episode that draw more numbers in a step than there are streams: each has its own key, see `sub_key`.
-ROOM, SCAN, FIX, SENSOR = 1, 2, 3, 4
-GOALS = 7
+ROOM, SCAN, FIX, SENSOR, GYRO, GOALS = 1, 2, 3, 4, 5, 7
 
 
 @kernel

@@ -7,18 +7,17 @@ from typing import Any
 
 from turtlebot_gym.config import refusal
 from turtlebot_gym.estimation.filters import filter_of
-from turtlebot_gym.estimation.fixes import late_by, with_fixes
+from turtlebot_gym.estimation.fixes import with_fixes
 from turtlebot_gym.files import load_object
 from turtlebot_gym.observations import LOCATED_ROOM, TRACKS, Observed
 from turtlebot_gym.observations.reading import read_terms
 from turtlebot_gym.rewards import RewardTerm
-from turtlebot_gym.systems.fixes import fix_sensor
-from turtlebot_gym.systems.imu import IMU
 from turtlebot_gym.systems.missions import on_missions
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.rooms import rooms
 from turtlebot_gym.systems.scans import localizing, tracking
+from turtlebot_gym.systems.sensors import IMU, fix_sensor
 from turtlebot_gym.systems.system import System
 
 
@@ -29,7 +28,7 @@ def system_of(parameters: Parameters) -> System:
         ValueError: If the filter reads a sensor that the system does not have.
     """
     p, filter = parameters, filter_of(parameters.tuning)
-    late = late_by(p.fix.delay, p.dt) if p.fix else 0
+    late = round(p.fix.delay / p.dt) if p.fix else 0
     filter = with_fixes(filter, late) if p.fix else filter
     system = rooms(filter) if p.room else open_ground(filter)
     system = localizing(system) if p.localizer else system

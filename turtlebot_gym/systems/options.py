@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from turtlebot_gym.config import FINITE, LARGEST, as_int, choose, did_you_mean, given, refusal, short_repr, split
-from turtlebot_gym.estimation.fixes import late_by
 from turtlebot_gym.files import load_object
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.angles import wrap
@@ -24,8 +23,8 @@ from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
 from turtlebot_gym.systems.assembly import assemble
-from turtlebot_gym.systems.imu import IMUS, ImuNoise
 from turtlebot_gym.systems.parameters import DT, MAX_DELAY, Parameters, make_room
+from turtlebot_gym.systems.sensors import IMUS, ImuNoise
 from turtlebot_gym.systems.system import LOCALIZER, System
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
 from turtlebot_gym.values import Pose
@@ -78,7 +77,7 @@ class Options:
     file of your own (FILE.yaml); in Python also a `turtlebot_gym.FixNoise` or a mapping of its fields. None for none."""
     imu: str | Path | Mapping[str, Any] | ImuNoise | None = None
     """Gyro, which the filter "gyro" reads: mpu9250, calibrated, or a file of your own (FILE.yaml); in Python also a
-    `turtlebot_gym.systems.imu.ImuNoise` or a mapping of its fields. None for none."""
+    `turtlebot_gym.systems.sensors.ImuNoise` or a mapping of its fields. None for none."""
     world: str | World | None = None
     """Rooms only: clutter, dense (the default), corridor, office, cellular, crowd, people, a Gazebo world (FILE.world,
     FILE.sdf) or a map (FILE.yaml); in Python also a `turtlebot_gym.rooms.rules.RoomRules`, a mapping of its fields, or a
@@ -183,7 +182,7 @@ class Options:
         task, waypoints = self.course()
         late, dt = as_int("delay", self.delay, 0, MAX_DELAY), DT.check("dt", self.dt)
         fix = () if self.fix is None else make_fix(self.fix)
-        if fix and late_by(fix.delay, dt) > MAX_DEPTH:
+        if fix and round(fix.delay / dt) > MAX_DEPTH:
             raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {fix.delay!r} s with dt {dt!r} s.")
         noise, robot = make_noise(self.noise), make_robot(self.robot)
         pose, items = read_items(self.observation)

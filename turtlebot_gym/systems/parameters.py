@@ -39,7 +39,7 @@ class Parameters(NamedTuple):
     fix: Any = ()
     """External pose sensor, a `FixNoise`; an empty tuple if there is none."""
     imu: Any = ()
-    """Gyro, a `systems.imu.ImuNoise`; an empty tuple if there is none."""
+    """Gyro, a `systems.sensors.ImuNoise`; an empty tuple if there is none."""
     localizer: Any = ()
     """Localizer in the room, a `localization.tuning.LocalizerTuning`; an empty tuple if there is none."""
 

@@ -10,7 +10,7 @@ from turtlebot_gym.config import Range, check_fields, choose
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import filter_of
-from turtlebot_gym.estimation.fixes import NO_FIX, late_by, with_fixes
+from turtlebot_gym.estimation.fixes import NO_FIX, with_fixes
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
@@ -20,7 +20,7 @@ from turtlebot_gym.values import ORIGIN, STOP, Command, Fix, Odometry, Pose, sen
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility, Gate, bounded
 from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, TF, Input, Nis, On, Output, Resume, Stamped, Transform
 
-REMEMBERED = late_by(MAX_FIX_AGE, 0.01)
+REMEMBERED = round(MAX_FIX_AGE / 0.01)
 """Number of steps stored for late fixes: half a second of odometry at 100 Hz, longer at lower rates."""
 EULER = INTEGRATORS["euler"]
 """The rule by which the environments move by default, too."""
