@@ -118,19 +118,13 @@ def observed_state(body: Any, senses: Any, estimate: Any, p: Any) -> State:
     return estimate.belief.mean if _is_believed(p) else other
 
 
-@kernel
-def _state(world, p):
-    return observed_state(world.body, world.senses, world.estimate, p)
-
-
-@kernel
-def _goal(world, p):
-    return goal_from(_state(world, p), world.course.reference)
-
-
-@kernel
-def _twist(world, p):
-    return twist_of(_state(world, p), p.robot)
+_state = kernel(lambda world, p: observed_state(world.body, world.senses, world.estimate, p))
+_goal = kernel(lambda world, p: goal_from(_state(world, p), world.course.reference))
+_twist = kernel(lambda world, p: twist_of(_state(world, p), p.robot))
+_next_goal = kernel(lambda world, p: next_goal_from(_state(world, p), world.course.following))
+_scan_age = kernel(lambda world, p: min(world.room.scan_age, MAX_AGE))
+_scan = kernel(lambda scene: scene.lidar.sectors)
+_tracks = kernel(lambda scene: scene.tracker.seen)
 
 
 @kernel
@@ -142,29 +136,9 @@ def _uncertainty(world, p):
 
 
 @kernel
-def _next_goal(world, p):
-    return next_goal_from(_state(world, p), world.course.following)
-
-
-@kernel
 def _evidence(world, p):
     (mean, P), estimate = world.estimate.belief, world.estimate
     return evidence_of(mean.theta, P, estimate.fits, estimate.weight)
-
-
-@kernel
-def _scan(scene):
-    return scene.lidar.sectors
-
-
-@kernel
-def _tracks(scene):
-    return scene.tracker.seen
-
-
-@kernel
-def _scan_age(world, p):
-    return min(world.room.scan_age, MAX_AGE)
 
 
 _POINT = ((0.0, -1.0, -1.0), (MAX_DISTANCE, 1.0, 1.0))
