@@ -24,10 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 TURN = 2.0 * math.pi
-SLACK = 2.5
-"""Beams by which a scan may exceed a full turn: drivers count both ends, and the speed of a motor varies within a turn."""
-NEAREST, FARTHEST, UNLIMITED = 1.5, 300.0, 1e6
-"""Largest range_min, and largest range_max of a LiDAR, m; a larger one than the last is none."""
+SLACK = 2.5  # beams by which a scan may exceed a full turn: drivers count both ends, and a motor's speed varies
+NEAREST, FARTHEST, UNLIMITED = 1.5, 300.0, 1e6  # largest range_min and range_max, m; a larger one than the last is none
 TOUCHING = 0.001  # range of something nearer than a ``range_min`` of 0, m; 0 itself means that nothing returned
 
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.values import Pose
 
-FAR, MOST = 1e5, 1000
-"""Distance beyond which nothing is mounted on a robot, m, and most frames that are known: no robot has more."""
+FAR, MOST = 1e5, 1000  # distance beyond which nothing is mounted on a robot, m, and most frames that are known
 TILT = 0.05  # greatest tilt of a LiDAR's plane, rad: 0.05 m at 1 m
 SAME_PLACE, SAME_WAY = 0.02, 0.05  # difference up to which two poses of a frame are the same, m and rad
 
@@ -37,8 +36,7 @@ class StaticFrames:
     def mount(self, body: str, frame: str) -> Pose | None:
         """Return the pose of a sensor's frame in the robot's frame; None if nothing connects the two.
 
-        Raises:
-            ValueError: With one line, if a frame on the way is stated twice, differently, or the sensor is tilted.
+        A ``ValueError`` refuses a frame on the way that is stated twice, differently, and a tilted sensor.
         """
         of_body, of_sensor = self._up(body), self._up(frame)
         shared = next((name for name in of_sensor if name in of_body), None)

@@ -35,8 +35,8 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.beams import TURN, Beams
 from turtlebot_gym.motion import Motion, Track
-from turtlebot_gym.silence import AT_LIMIT, Silence, place_of
-from turtlebot_gym.values import Command
+from turtlebot_gym.silence import AT_LIMIT, Mount, Silence, place_of
+from turtlebot_gym.values import ORIGIN, Command
 
 LEAST_RETURNS = 10  # number of returns from which equal scans mean something: noise leaves ten ranges equal once in 1e10 scans
 TURNED, DRIVEN, DRIVEN_BLIND = 0.02, 0.02, 0.3  # motion after which a scan must have changed, rad and m
@@ -44,14 +44,12 @@ NEAR_LINE, DARK = math.radians(15.0), 0.5
 """Angle from the line of travel within which a return must change by nearly the whole way; time without enough returns after
 which a LiDAR counts as covered, s."""
 STEP, LEAST_TURN, WIDE = 0.06, 0.3, 1.0
-"""Way between two scans that are compared for the mount, m: twice the noise of a range at 1 m; turn between two that are
-compared without a way, and turn from which they are not compared, rad."""
+"""Way between two scans that are compared for the mount, m; turn between two without a way, and the largest turn, rad."""
 BINS, COMMON = 180, 15  # most directions in which two scans are compared, and least number of those with returns in both
 CAP, BETTER = 0.15, 0.6
 """Largest misfit that counts, m: a larger one is an edge, or somebody who walks; and share of the mount's own misfit below
 which another mount fits clearly better."""
-VOTES, STILL_VOTES = 3, 4
-"""Comparisons in a row after which a mount is refused, or scans that do not move: a slow robot starts late."""
+VOTES, STILL_VOTES = 3, 4  # comparisons in a row that refuse a mount, or scans that do not move: a slow robot starts late
 MIRRORED, STILL = 4, 8  # ways of seeing the motion: turned by quarters, from this one on mirrored, and not at all
 WAYS = {
     1: "move as if the LiDAR were mounted turned by 90 degrees to the left: correct its mount",
@@ -60,10 +58,8 @@ WAYS = {
     STILL: "do not move as the robot does: they are late, or another robot's: end their source",
 }
 EXCHANGED = "move as if left and right were exchanged: the LiDAR is upside down, or clockwise: correct its mount"
-JOINED = 0.3
-"""Distance up to which neighbouring points are of one surface, m, or three times that of their directions, if larger."""
-PARTS, LEAST_IN_PART = 16, 8
-"""Number of parts of the circle, each two sixteenths wide, and least number of points that say something of one."""
+JOINED = 0.3  # distance up to which neighbouring points are of one surface, m, or three times that of their directions
+PARTS, LEAST_IN_PART = 16, 8  # parts of the circle, each two sixteenths wide, and least number of points that tell of one
 AT_ONCE, AT_REST, CHANGED = 0.04, 0.2, 0.4
 """Largest gain of a part without the motion that counts at once, m; sum from which the part stands still; and share of the
 directions in which such a part did not fit that must change before it is believed again."""
@@ -113,15 +109,10 @@ class ScanWatch:
             self._measured.add(twist, now)
             self._measured_at = now
 
-    def hear(
-        self, beams: Beams, sent: float, *, mount: tuple[float, float, float] = (0.0, 0.0, 0.0), range_max: float = math.inf
-    ) -> Beams:
+    def hear(self, beams: Beams, sent: float, *, mount: Mount = ORIGIN, range_max: float = math.inf) -> Beams:
         """Take a scan, sent at a steady time, s, and return it without the beams that say nothing, see `silence`.
 
-        ``mount`` is the pose of the LiDAR in the robot's frame; m, m, rad.
-
-        Raises:
-            ValueError: With one line, if none of its beams says anything.
+        ``mount`` is the LiDAR's pose in the robot's frame. A ``ValueError`` refuses a scan of which no beam says anything.
         """
         ranges, returned = beams.ranges, np.isfinite(beams.ranges)
         directions, count = beams.directions[returned] + mount[2], int(returned.sum())

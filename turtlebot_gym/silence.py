@@ -34,6 +34,7 @@ TIGHT, LOOSE, FEW, BINS = 0.9, 1.5, 100, 360
 """Directions that are told apart, as a share of the beams around; beams for each from which more are told apart; most of which
 each single one counts; and most that are told apart."""
 
+Mount = tuple[float, float, float]  # pose of a LiDAR on its robot, or of a robot; m, m, rad
 Place = tuple[complex, complex]  # place of a LiDAR, m, and its direction, a unit vector
 
 
@@ -90,7 +91,8 @@ class Silence:
                 at_edge = (first - side) % count
                 if not (returned[at_edge] and silent[first]):
                     continue  # beyond where the LiDAR looks, the edge is its own
-                edge, moved = self._follow(side, at_edge * step, float(nearest[at_edge]), places, step)
+                point = cmath.rect(float(nearest[at_edge]), at_edge * step)
+                edge, moved = self._follow(_Edge(side, at_edge * step, point, places, 1), max(KEPT, 1.5 * step))
                 edges.append(edge)
                 left.append(moved)
                 is_kept = edge.scans >= SCANS and near[at_edge] and abs(edge.point) < reach
@@ -111,19 +113,14 @@ class Silence:
         unknown = (silent & (self._suspect | (self._doubt > 0)))[at] & ~measured
         return beams._replace(ranges=np.where(unknown, np.float32(np.nan), beams.ranges)) if unknown.any() else beams
 
-    def _follow(
-        self, side: int, direction: float, length: float, places: tuple[Place, Place], step: float
-    ) -> tuple[_Edge, float]:
+    def _follow(self, new: _Edge, kept: float) -> tuple[_Edge, float]:
         """Return an edge with its history, and the angle by which a still surface would have left it, rad; -1 if it did."""
-        kept, new = max(KEPT, 1.5 * step), _Edge(side, direction, cmath.rect(length, direction), places, 1)
         for old in self._edges:
-            if old.side != side:
+            if old.side != new.side:
                 continue
-            moves = [
-                cmath.phase(_seen(old.point, before, now) * cmath.rect(1.0, -old.direction))
-                for before, now in zip(old.origins, places, strict=True)
-            ]
-            turn = math.remainder(direction - old.direction, TURN)
+            seen = [_seen(old.point, before, now) for before, now in zip(old.origins, new.origins, strict=True)]
+            moves = [cmath.phase(point * cmath.rect(1.0, -old.direction)) for point in seen]
+            turn = math.remainder(new.direction - old.direction, TURN)
             if abs(turn) <= kept:
                 return old._replace(scans=old.scans + 1), min(map(abs, moves)) if moves[0] * moves[1] > 0.0 else 0.0
             if min(moves) - kept <= turn <= max(moves) + kept:
@@ -131,8 +128,8 @@ class Silence:
         return new, 0.0
 
 
-def place_of(pose: tuple[float, float, float], mount: tuple[float, float, float]) -> Place:
-    """Return the place of a LiDAR on a robot at a pose; m, m, rad."""
+def place_of(pose: Mount, mount: Mount) -> Place:
+    """Return the place of a LiDAR on a robot at a pose."""
     heading = cmath.rect(1.0, pose[2])
     return complex(pose[0], pose[1]) + complex(mount[0], mount[1]) * heading, heading * cmath.rect(1.0, mount[2])
 

@@ -30,7 +30,6 @@ class Command(NamedTuple):
 
 
 STOP = Command(0.0, 0.0)
-"""The command that stops a robot."""
 
 
 class State(NamedTuple):

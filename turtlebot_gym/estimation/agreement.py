@@ -11,8 +11,8 @@ with ``share`` one of `SHARES`, or more where wheels slip by more. Noise exceeds
 in a year of driving. A recorded TurtleBot3 keeps within a tenth.
 
 A robot may start `DELAY` late, and accelerate slowly. So it counts as standing in spite of its command, or as turning the wrong
-way, if the command was in force for `DELAY` plus `SEEN`, and the twist of the last `SEEN` seconds has no tenth of it and does
-not change, or the opposite sign without becoming slower; also if it becomes faster in a direction that no command had.
+way, if that was in force for `DELAY` plus `SEEN`, and the twist of the last `SEEN` seconds has no tenth of it and does not
+change, or the opposite sign without becoming slower; also if it becomes faster in a direction that no command had.
 """
 
 from __future__ import annotations
@@ -67,13 +67,10 @@ class _Said(NamedTuple):
 
 
 class Agreement:
-    """Judge the messages of a robot's odometry.
+    """Judge the messages of a robot's odometry, whose noise is no contradiction.
 
-    Args:
-        robot: The robot's limits.
-        noise: Noise of the robot's odometry, which is no contradiction.
-        leaps: Whether poses may leap against the twist, as those of a localization do. Then only a pose that repeats itself to
-            the bit, and a twist that the robot cannot have, contradict anything but the command.
+    With ``leaps`` poses may leap against the twist, as those of a localization do. Then only a pose that repeats itself to the
+    bit, and a twist that the robot cannot have, contradict anything but the command.
     """
 
     def __init__(self, robot: Robot, noise: Noise, *, leaps: bool = False) -> None:
@@ -99,13 +96,7 @@ class Agreement:
             self.begin(self._said[-1].pose if self._said else self._left)
 
     def judge(self, dt: float, odometry: Odometry, command: Command | None = None) -> str:
-        """Return why a message must not be used, or an empty text.
-
-        Args:
-            dt: Time since the message before, s; it does not count for the first one.
-            odometry: The message.
-            command: The command in force; None if it is unknown.
-        """
+        """Return why a message, dt s after the one before, must not be used, or an empty text; ``command`` is in force."""
         if self.cause:
             return self.cause
         if why := self._contradiction(dt, odometry, command):

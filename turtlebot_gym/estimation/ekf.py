@@ -28,8 +28,7 @@ from turtlebot_gym.models.unicycle import expected, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, FilterTuning, Gated
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
-ONE_MEASUREMENT = -1.0
-"""Number of refusals that stands for a belief which rests on one measurement."""
+ONE_MEASUREMENT = -1.0  # number of refusals that stands for a belief which rests on one measurement
 
 
 class Estimate(NamedTuple):

@@ -22,8 +22,7 @@ FILTERS = {type(known.kind): known for known in (EXTENDED_KALMAN, DEAD_RECKONING
 def filter_of(tuning: FilterTuning) -> Filter:
     """Return the filter for a tuning; a class of numbers from elsewhere names its filter as its attribute ``filter``.
 
-    Raises:
-        ValueError: If its kind belongs to no filter.
+    A ``ValueError`` refuses a kind that belongs to no filter.
     """
     found = FILTERS.get(type(tuning.kind)) or getattr(tuning.kind, "filter", None)
     if not isinstance(found, Filter):

@@ -20,7 +20,6 @@ from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 
 EXTENDED, UNSCENTED = "ExtendedKalmanFilter", "UnscentedKalmanFilter"
-MOST = 1e9  # variance of a heading that stands for infinity, rad^2
 
 
 def kinds_of(given: object) -> list[str]:
@@ -69,7 +68,7 @@ class Copied:
         filter, H, off = self._filter, np.eye(3, len(self._Q)), np.asarray(z, np.float64) - self.x[:3]
         noise = np.array(R if np.ndim(R) == 2 else np.diag(R), np.float64)
         off[2] = wrap(float(off[2]))
-        noise[2, 2] = min(noise[2, 2], MOST)
+        noise[2, 2] = min(noise[2, 2], 1e9)  # that of a heading may be infinite
         measured = np.reshape(self.x[:3] + off, (3, *np.shape(filter.x)[1:]))
         self._load()
         if self._is_extended:
@@ -80,8 +79,8 @@ class Copied:
         self._unload(self.x[3:5])
 
     def _load(self) -> None:
-        n, filter = len(self._Q), self._filter
-        filter.x, filter.P = np.reshape(self.x[:n], np.shape(filter.x)), self.P[:n, :n]
+        n = len(self._Q)
+        self._filter.x, self._filter.P = np.reshape(self.x[:n], np.shape(self._filter.x)), self.P[:n, :n]
 
     def _unload(self, twist: ArrayLike) -> None:
         """Take state and covariance from the object; with three states the twist is as given, and exact."""

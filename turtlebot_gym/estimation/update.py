@@ -35,8 +35,7 @@ def of_row(P: Covariance, row: tuple[float, float, float]) -> Projection:
     return Projection(column, i * column.x + j * column.y + k * column.theta)
 
 
-LEAST_VARIANCE, LEAST_SHARE = 1e-12, 1e-12
-"""Least variance of a measurement, m^2 or rad^2, (1e-6)^2; and as a share of the variance that it is compared with."""
+LEAST_VARIANCE, LEAST_SHARE = 1e-12, 1e-12  # of a measurement, m^2 or rad^2; and as a share of what it is compared with
 
 
 @kernel

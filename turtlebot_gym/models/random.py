@@ -13,8 +13,7 @@ _M64 = 0xFFFFFFFFFFFFFFFF
 _M37 = _M64 >> 27
 _M31 = _M64 >> 33
 _M32 = 0xFFFFFFFF
-MAX_SEED = 0x7FFFFFFFFFFFFFFF
-"""Largest seed and key: they are integers from 0 to this, and larger seeds are masked to it."""
+MAX_SEED = 0x7FFFFFFFFFFFFFFF  # largest seed and key: larger seeds are masked to it
 _WEYL = 0x1E3779B97F4A7C15
 _STREAMS = 16
 

@@ -27,8 +27,7 @@ def slices_of(terms: Sequence[ObservationTerm]) -> dict[str, slice]:
 def columns_of(wanted: Sequence[ObservationTerm], terms: Sequence[ObservationTerm]) -> NDArray[np.intp]:
     """Return the columns in which some terms stand in an observation of others; a history holds each shorter one.
 
-    Raises:
-        ValueError: If one is missing there; the message names it.
+    A ``ValueError`` names one that is missing there.
     """
     places, there = slices_of(terms), {term.name: term for term in terms}
     columns: list[int] = []

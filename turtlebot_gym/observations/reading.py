@@ -20,11 +20,8 @@ _HISTORY = re.compile(r"(.+?)\*(\d+)(?:@(\d+))?")
 def read_items(observation: Any) -> tuple[str, tuple[str, ...]]:
     """Return the pose that a policy observes, a name in `OBSERVED`, and the names of terms beside it.
 
-    Args:
-        observation: The option: names with commas, or several names; a term of one's own may stand for its name.
-
-    Raises:
-        ValueError: If it is something else, or names several poses.
+    The option is names with commas, or several names; a term of one's own may stand for its name. A ``ValueError`` refuses
+    anything else, and several poses.
     """
     given = observation.split(",") if isinstance(observation, str) else observation
     given = [given] if isinstance(given, ObservationTerm) else given
@@ -46,9 +43,7 @@ def read_terms(items: Sequence[str], own: Sequence[ObservationTerm]) -> tuple[Ob
 
     With "*N" a term shows its last N values, with "*N@K" each K steps before the next. Such a history replaces the term that
     was named before it.
-
-    Raises:
-        ValueError: If there is no such term, or one is named twice.
+    A ``ValueError`` refuses a term that does not exist, or is named twice.
     """
     terms: dict[str, ObservationTerm] = {}
     known = dict.fromkeys(OBSERVED) | TERMS | {term.name: term for term in own}
@@ -66,11 +61,7 @@ def read_terms(items: Sequence[str], own: Sequence[ObservationTerm]) -> tuple[Ob
 
 
 def own_term(source: str) -> ObservationTerm:
-    """Return a term of one's own, "MODULE:NAME".
-
-    Raises:
-        ValueError: If there is none, or it has the name of one of the package's.
-    """
+    """Return a term of one's own, "MODULE:NAME"; a ``ValueError`` refuses one that has the name of one of the package's."""
     term = load_object(source)
     if not isinstance(term, ObservationTerm):
         raise refusal(f"observation {source!r}", "a turtlebot_gym.observations.ObservationTerm", term)

@@ -19,10 +19,7 @@ SOURCE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class ObservationTerm:
-    """A term of an observation: one number, or several.
-
-    On a robot, the package itself computes its own terms; another one needs a ``topic`` that brings it there.
-    """
+    """A term of an observation: one number, or several. A term of one's own needs a ``topic`` that brings it to a robot."""
 
     name: str
     """Its name, by which policies and bundles ask for it."""
@@ -91,11 +88,7 @@ class ObservationTerm:
         return replace(self, length=length, every=every)
 
     def read(self, value: Any) -> tuple[float, ...]:
-        """Return numbers that were measured for the term, clipped to its bounds.
-
-        Raises:
-            ValueError: If they are not as many finite numbers as the term has.
-        """
+        """Return numbers that were measured for the term, clipped to its bounds; a ``ValueError`` refuses others."""
         numbers = _numbers(value)
         if len(numbers) != self.width:
             raise refusal(f"the term {self.name!r}", f"{self.width} finite number{'s' * (self.width > 1)}", value)
@@ -115,11 +108,7 @@ class ObservationTerm:
         return (self.source or self.name) + history
 
     def sourced(self) -> ObservationTerm:
-        """Return the term with its source, so that a bundle can name it.
-
-        Raises:
-            ValueError: If it stands under no name at the top level of its module.
-        """
+        """Return the term with its source, so that a bundle can name it; a ``ValueError`` refuses one without any."""
         source = self.source or source_of(self.over(1), self.of.__module__, "__main__")
         if not source:
             raise refusal(f"the term {self.name!r}", "at the top level of its module, by a name that a bundle states", self.of)

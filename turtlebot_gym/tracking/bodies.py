@@ -19,10 +19,8 @@ X, Y, UX, UY, AT, VARIANCE, RADIUS, WHOLE, MOVED, TAKEN = range(COLUMNS)
 """Most bodies of a scan, and their columns: position in the odometry's frame, m; unit vector towards it; time, s; variance of
 each coordinate, m^2; radius, m; 1 if no side is hidden; 1 if the place was free before; and 1 if used."""
 GAP = 2  # most beams without a return inside of a run
-POST = 0.15
-"""Greatest angle of beams that have never returned anything inside of a run, rad: a post beside the LiDAR hides it."""
-JUMP, LEAST_JUMP = 4.0, 0.15
-"""Difference of neighbouring ranges that ends a run, in standard deviations of a range and at least, m."""
+POST = 0.15  # greatest angle of beams in a run that have never returned anything, rad: a post beside the LiDAR hides it
+JUMP, LEAST_JUMP = 4.0, 0.15  # difference of ranges that ends a run, in standard deviations of a range and at least, m
 TOUCH = 0.05  # how much farther than the least range that can be measured the edge of what is too near may be, m
 TOO_NEAR = 0.75  # mean range of what is too near to be measured, as a share of the least that can be
 LEAST_BEAMS = 3  # fewest beams of a body
@@ -33,8 +31,7 @@ SHAPE, HIDDEN, NARROW, LEGS = 0.01, 0.05, 0.12, 0.06
 """Standard deviations of a place since bodies are not round, a part is hidden, all but a narrow part is, and legs swing; m."""
 LEG_RADIUS, STRIDE = 0.13, 0.6  # greatest radius of a leg, and distance between two legs of a person, m
 TWO = 0.33  # radius from which on a run may be two bodies side by side, m; they meet at the beam of the longest range
-MEET, MEET_SHARE = 0.03, 2.0
-"""Least amount by which the ranges on both sides of that beam are shorter: m, and standard deviations of a range."""
+MEET, MEET_SHARE = 0.03, 2.0  # by how much ranges on both sides of it are shorter: m, and in standard deviations of a range
 BEGUN = 0.08  # least radius of a run that reaches the end of a revolution and counts as a person, m; most legs are narrower
 JUST = 1e-6  # subtracted from the time of such a run, s, so that the whole body of the next revolution is later
 

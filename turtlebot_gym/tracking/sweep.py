@@ -16,8 +16,7 @@ NUMBER, LAST, INTERVAL, TURNED, FIRST, STEP, HEAD = range(7)
 """Head of a remembered scan: number of beams; time of the last one, and between two, s; turn of the odometry until then, rad;
 direction of the first beam in the robot's frame, and from each to the next, rad. `HEAD` is its length."""
 TURN_SHARE = 0.04  # standard deviation of the odometry's heading, as a share of its turns
-LEAST_MARGIN, MARGIN = 0.15, 4.0
-"""How much farther than a point a beam must have been measured to have passed it: at least, m, and in standard deviations."""
+LEAST_MARGIN, MARGIN = 0.15, 4.0  # how much farther than a point a beam that passed it ends, m, and in standard deviations
 
 
 class Sweep(NamedTuple):

@@ -35,20 +35,16 @@ NONE, TENTATIVE, MOVES = 0.0, 1.0, 2.0
 ACCELERATION = 0.5  # power spectral density of the acceleration of each coordinate, m^2/s^3
 FIRST_SPEED = 0.8  # standard deviation of each coordinate of a new track's velocity, m/s
 GATE, STATIC = 14.0, 4.0
-"""Squared distance in standard deviations up to which a body may be a track's; added to that of a body that may always have
-been there."""
-CONFIRMED, MOST_SCORE, LEAST_SCORE = 3.0, 6.0, -2.0
-"""Evidence from which on a track counts, the most, and the least of one that is fast."""
+"""Squared distance of a track's body, in standard deviations; added for one that may always have been there."""
+CONFIRMED, MOST_SCORE, LEAST_SCORE = 3.0, 6.0, -2.0  # evidence from which a track counts, the most, the least of a fast one
 PART, DOUBT = 0.5, 0.5
 """Evidence of a body that moved, of which a part was hidden, instead of 1; and against one that may always have been there."""
-NARROW, CONFIRMED_NARROW = 0.1, 5.0
-"""Mean radius below which a track may be the leg of a chair, m, and the evidence from which on it counts then."""
+NARROW, CONFIRMED_NARROW = 0.1, 5.0  # radius below which a track may be a chair's leg, m, and the evidence that it needs then
 APART = 0.4  # least distance of a new track from others, m: nearer bodies are a person's legs
 SLOW, WAY = 0.2, 0.25  # least speed of a track that begins to count, m/s, and least distance from where it began, m
 RESIZED, SIZES = 0.03, 0.1  # most by which a scan changes the mean radius, m, and its share
 FORGOTTEN, UNTRIED, FRESH, STANDS = 1.0, 0.5, 0.5, 8.0
-"""Times after which a track ends without a body, and if it does not count yet; without a body, after which it is not reported;
-and after which it ends without sign of motion; s."""
+"""Times without a body after which a track ends, ends if it does not count yet, and is not reported; and without motion, s."""
 POINT_FIELDS = ("x", "y", "vx", "vy", "position_deviation", "velocity_deviation", "radius", "certainty", "z")
 """Fields of a track as a point: the numbers of the term "tracks", and a height of zero, without which viewers show nothing."""
 FLOAT32 = 7  # type of each field, as in ``sensor_msgs/PointField``
@@ -270,8 +266,7 @@ def look(tracks: Any, seen: Any, now: float, pose: Pose, twist: Command, scale: 
 def tracks_of(message: Any) -> NDArray[np.float64]:
     """Return the tracks in a ``sensor_msgs/PointCloud2``, shape (`NEAREST`, 8), see `observations.TRACKS`.
 
-    Raises:
-        ValueError: If there are not `NEAREST` points with the fields `POINT_FIELDS`, or a number is not finite.
+    A ``ValueError`` refuses anything but `NEAREST` points with the fields `POINT_FIELDS` of finite numbers.
     """
     fields = [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
     expected = [(name, 4 * at, FLOAT32, 1) for at, name in enumerate(POINT_FIELDS)]
