@@ -9,10 +9,8 @@ from scipy import stats
 from textbook import difference
 
 from turtlebot_gym import Episode, FixNoise, make_filter, make_noise, make_parameters
-from turtlebot_gym.estimation.consistency import nees
-from turtlebot_gym.estimation.filters import filter_of, matrix
+from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.estimation.fixes import NO_FIX, with_fixes
-from turtlebot_gym.systems import system_of
 from turtlebot_gym.tasks import SQUARE
 from turtlebot_gym.values import Command, Fix, Odometry, Pose, Senses, senses_of
 
@@ -120,26 +118,3 @@ def test_fixes_come_each_period_as_late_as_they_say_with_white_noise_on_the_pose
     for error in errors.T / np.sqrt(fix.R)[:, None]:  # each fails for one seed in 10^4
         assert stats.kstest(error, "norm").pvalue > 1e-4
     assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 0.15  # of 700; one in 10^4 exceeds it
-
-
-def ends(p, **changes):
-    """Yield belief and true state at the end of 60 drives of 60 steps, with other values of some of the fixes' fields."""
-    system = system_of(p)
-    sensor = system.sensors[-1]
-    system = system.with_sensor(sensor._replace(sense=lambda *given: sensor.sense(*given)._replace(**changes)))
-    for seed in range(60):
-        episode = Episode(p, ORIGIN, seed=seed, system=system)
-        for step in range(60):
-            episode.act((0.9, 0.4 * math.sin(0.1 * step)))
-        yield episode.world.estimate.belief, episode.world.body.true_state
-
-
-def test_late_fixes_leave_the_filter_consistent_and_naive_fusion_does_not():
-    # 60 independent drives: a consistent filter's sum is chi-square with 180 degrees of freedom. Fails for one seed in 10^4.
-    fix = FixNoise(R=(0.0025, 0.0025, 0.0025), period=0.5, delay=0.3, dropout_probability=0.3)
-    p, means = make_parameters(ENDLESS, noise="wheel", fix=fix), []
-    for changes in ({}, {"age": 0.0}):  # a sensor that says that late fixes are of now, which the filter believes
-        values = [nees(np.array(mean), np.array(truth), matrix(P)) for (mean, P), truth in ends(p, **changes)]
-        means.append(float(np.mean(values)))
-    low, high = stats.chi2.ppf((0.5e-4, 1.0 - 0.5e-4), 180) / 60.0
-    assert low < means[0] < high < means[1]

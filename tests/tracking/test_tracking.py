@@ -170,15 +170,6 @@ def test_two_side_by_side_are_two_bodies_and_a_wide_one_is_not_cut(behind):
         assert sum(np.hypot(*(bodies[:, :2] - (0.9, 0.7)).T) < 0.5) == 1
 
 
-def test_what_may_move_is_seen_before_it_counts_and_what_stands_never():
-    seen = [memory.seen[:8].copy() for _, memory, _ in drive(lambda time: [(2.0 - 0.8 * time, 1.0, 0.25)], 2.0)]
-    certain = [row[-1] for row in seen]
-    assert certain == sorted(certain)
-    assert set(certain) == {0.0, 0.5, 1.0}
-    assert seen[-1][6] == pytest.approx(0.25, abs=0.05)
-    assert not any(memory.seen.any() for _, memory, _ in drive(lambda time: [(1.2, 0.8, 0.25)], 4.0))
-
-
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_who_steps_out_from_behind_something_is_seen_at_once(side):
     wall = [(1.0, side * y, 0.06) for y in np.arange(0.0, 1.2, 0.1)]
