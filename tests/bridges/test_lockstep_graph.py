@@ -29,13 +29,8 @@ DRIVES = [
         pytest.param(*case, marks=pytest.mark.slow)
         for case in (
             (("proportional", "tutorial", "time", "matched", "none"), False, {}),
-            (("proportional", "rough", "arrival", "matched", "none"), False, {}),
-            (("bearing", "documented", "arrival", "matched", "none"), False, {}),
-            (("bearing", "rough", "time", "matched", "none"), False, {}),
             (("ppo-square", "tutorial", "arrival", "matched", "none"), False, {}),
-            (("bearing", "wheel", "arrival", "matched", "none"), False, {}),
             (("bearing", "rough.yaml", "arrival", "gated", "none"), False, {"filter": "matched"}),
-            (("bearing", "wheel", "arrival", "matched", "late"), False, {"fix": "none"}),
             (("bearing", "wheel", "arrival", "matched", "markers"), False, {"fix": "none"}),
         )
     ),

@@ -4,7 +4,6 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from burger import Parameters
 from geometry_msgs.msg import Transform, TransformStamped
 from std_msgs.msg import Header
@@ -79,14 +78,6 @@ def test_with_its_mount_stated_a_lidar_may_be_anywhere():
         np.testing.assert_allclose(np.divide(got, (0.21, 2.6)), np.divide(expected, (0.21, 2.6)), rtol=0.0, atol=0.05)
 
 
-@pytest.mark.parametrize("mount", [PRESET, Pose(-0.04, 0.01, 0.02)])
-def test_a_mount_that_is_the_presets_changes_nothing(mount):
-    for heading in HEADINGS[::6]:
-        (driven, verdict, monitor), expected = commands(PRESET, stated(mount), heading), commands(PRESET, unstated, heading)
-        assert (verdict, monitor.remark) == (expected[1], "")
-        assert mount != PRESET or driven == expected[0]
-
-
 def test_another_mount_than_the_presets_is_reported_and_one_that_a_person_gave_is_not_overruled():
     *_, monitor = commands(OTHER, stated(OTHER), 0.0)
     where = "'base_scan' is at x 0.050 m, y -0.040 m, turned by 2.000 rad"
@@ -102,12 +93,3 @@ def test_another_mount_than_the_presets_is_reported_and_one_that_a_person_gave_i
     *_, verdict, monitor = commands(OTHER, stated(OTHER), 0.0, **{**given, "scan_yaw": 0.0})
     assert verdict == STOP
     assert f"{where}, and the given mount is another: correct one" in monitor.trouble(T)
-
-
-@pytest.mark.parametrize(("tilt", "degrees"), [(math.pi, 180), (0.5, 29)])
-def test_a_lidar_upside_down_or_tilted_is_refused_on_one_line(tilt, degrees):
-    said = f"/tf_static says that 'base_scan' is tilted by {degrees} degrees, and a scan must be level"
-    arbiter = Arbiter(Parameters(collision_monitor=True), T, stated(PRESET, roll=tilt))
-    arbiter.hear_scan(RawScan(ranges(PRESET, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "base_scan"), T)
-    assert arbiter.monitor.limit(Command(0.2, 0.2), T) == STOP
-    assert arbiter.monitor.trouble(T) == f"a scan was refused: {said}"

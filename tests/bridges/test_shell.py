@@ -14,8 +14,6 @@ from rclpy.time import Time
 from std_msgs.msg import Empty, String
 
 from cmd_vel_guard import reports
-from turtlebot_gym.models.unicycle import advance
-from turtlebot_gym.values import Pose, State
 from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.base.executor import FastGroup
 from turtlebot_gym_ros.blocks.kalman_filter import FIX
@@ -34,15 +32,6 @@ def example():
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-def test_a_block_is_tried_in_a_loop_without_ros(example):
-    block = example.FaceEast(example.Params(gain=2.0))
-    pose, v, omega = Pose(0.0, 0.0, 2.0), 0.0, 0.0
-    for _ in range(50):
-        pose = advance(pose, v, omega, 0.1, 0.0)
-        v, omega = block.step(0.1, odometry=State(*pose, v, omega))["command"]
-    assert abs(pose.theta) < 0.01
 
 
 @pytest.mark.parametrize("stamped", [True, False])

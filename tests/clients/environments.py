@@ -6,7 +6,6 @@ Usage:
     python environments.py FOLDER [NAME ...]
 """
 
-import hashlib
 import re
 import subprocess
 import sys
@@ -15,11 +14,6 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 REQUIREMENTS = Path(__file__).parent / "requirements"
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
-
-
-def names() -> list[str]:
-    """Return the environments' names."""
-    return sorted(file.stem for file in REQUIREMENTS.glob("*.txt"))
 
 
 def constraints(requirements: str, pinned: str) -> str:
@@ -34,33 +28,19 @@ def _key(line: str) -> str:
 
 
 def make(folder: Path, name: str) -> None:
-    """Make an environment, unless it is there and made from the same files.
-
-    Args:
-        folder: Where the environments are.
-        name: Its name.
-
-    Raises:
-        subprocess.CalledProcessError: If pip cannot install it.
-    """
+    """Make an environment in a folder, or bring the one there up to date."""
     file, pinned = REQUIREMENTS / f"{name}.txt", (ROOT / "constraints.txt").read_text(encoding="utf-8")
-    chosen = constraints(file.read_text(encoding="utf-8"), pinned)
-    made_from = hashlib.sha256((chosen + file.read_text(encoding="utf-8")).encode()).hexdigest()
     place = folder / name
-    ready = place / ".ready"
-    if ready.is_file() and ready.read_text(encoding="utf-8") == made_from:
-        return
-    subprocess.run([sys.executable, "-m", "venv", "--clear", place], check=True)
-    (place / "constraints.txt").write_text(chosen, encoding="utf-8")
+    subprocess.run([sys.executable, "-m", "venv", place], check=True)
+    (place / "constraints.txt").write_text(constraints(file.read_text(encoding="utf-8"), pinned), encoding="utf-8")
     pip = [place / "bin" / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     editable = ["--editable", f"{ROOT}[agents]"]
     subprocess.run([*pip, "--constraint", place / "constraints.txt", "--requirement", file, *editable], check=True)
-    ready.write_text(made_from, encoding="utf-8")
 
 
 def main(folder: str, *chosen: str) -> None:
     """Make environments, by default all of them."""
-    for name in chosen or names():
+    for name in chosen or sorted(file.stem for file in REQUIREMENTS.glob("*.txt")):
         print(f"The environment {name} ...", flush=True)
         make(Path(folder), name)
 
