@@ -76,14 +76,12 @@ class WaypointGenerator:
     trigger = Every(0.1, answers="estimate")
 
     def __init__(self, params: Params) -> None:
-        in_room = params.waypoints == "room"
-        if in_room:
+        self._params, self._in_room = params, params.waypoints == "room"
+        if self._in_room:
             self.inputs = {**self.inputs, "room_goal": ROOM_GOAL}
-        course = SQUARE_WAYPOINTS if in_room or params.waypoints == "square" else _load_waypoints(params.waypoints)
+        course = SQUARE_WAYPOINTS if self._in_room or params.waypoints == "square" else _load_waypoints(params.waypoints)
         task, self._waypoints = Options(task="square", waypoints=course, switch=params.switch, laps=params.laps).course()
         self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time(task) else math.inf)
-        self._relative, self._in_room = params.relative, in_room
-        self._params = params
         self._target = replace(task, radius=params.goal_tolerance or params.radius)
         self._errand: Errand | None = None
         self.notice: str | None = None
@@ -96,7 +94,7 @@ class WaypointGenerator:
         if self._errand:
             self._errand.end("failed", Failure.OTHER, "the node was reset")
         self._errand, self._here, self._rests, self.notice = None, None, False, None
-        self._poses: Sequence[Pose] = () if self._relative or self._in_room else self._waypoints
+        self._poses: Sequence[Pose] = () if self._params.relative or self._in_room else self._waypoints
         self._room_goal: Pose | None = None
         self._laps = self._task.laps
         self._visited = 0

@@ -131,10 +131,11 @@ class Graph:
                 nodes = [(name, {k: v for k, v in self._parameters[name].items() if v != ""}) for name in self._names]
                 words = [*OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
                 self._processes = self._ending.enter_context(processes(nodes, words))
-            for name in () if self._in_processes else self._names:
-                block, options = load(name), {"namespace": self._namespace, "context": self._runner.context}
-                given = self._parameters[name]
-                self._runner.add(Shell(block, block.Params, name=name, overrides=given, arguments=OWN_CLOCK, **options))
+            else:
+                where: Any = {"namespace": self._namespace, "context": self._runner.context, "arguments": OWN_CLOCK}
+                for name in self._names:
+                    block = load(name)
+                    self._runner.add(Shell(block, block.Params, name=name, overrides=self._parameters[name], **where))
             self._runner.start()
             self._come_up()
         except BaseException:
