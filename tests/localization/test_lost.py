@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from localization_rooms import corridor, empty_hall, hall, make_room, nonsense, off, scan_of, sight
+from localization_rooms import corridor, empty_hall, hall, make_room, off, scan_of, sight
 
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, NONE, ROWS, exp
@@ -248,13 +248,6 @@ def test_where_two_places_look_alike_both_stay_and_move_with_the_wheels():
         assert located.belief.covariance.xx > 0.2, "the belief is as wide as the hypotheses are apart"
         mirrored = (112 * 0.05 - x, 92 * 0.05 - y, theta + math.pi)
         assert min(max(off(located, (x, y, theta))), max(off(located, mirrored))) < 0.03
-
-
-def test_a_scan_that_no_place_explains_leaves_it_lost(room):
-    rng, located, bank = np.random.default_rng(1), nowhere(Q), empty()
-    for _ in range(4 * CYCLE):
-        located = looks(located, room, nonsense(rng, 0.4, 3.0), 1, bank)
-        assert state_of(located, Q) == LOST
 
 
 def test_weights_are_exponentials():

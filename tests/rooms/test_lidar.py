@@ -1,4 +1,4 @@
-"""The LiDAR: when beams are measured, what they say, what a policy is shown, and a filter that reads the scan."""
+"""The LiDAR: when beams are measured, what they say, what a policy is shown and how blind beams look."""
 
 import math
 from dataclasses import replace
@@ -6,22 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.update import of_row, update
-from turtlebot_gym.heart import Episode
-from turtlebot_gym.kernel import kernel
-from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.random import SCAN, sub_key
-from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, SIGHT, Lidar, age_of_scan, aim, beams_by, bias_of, reading, time_of_beam
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scan import mounted
-from turtlebot_gym.rooms.scene import Walls
 from turtlebot_gym.rooms.sectors import NEAR, divide, pool
 from turtlebot_gym.rooms.sensing import measure
-from turtlebot_gym.systems import make_parameters, make_room, system_of
-from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Pose, State
 
 QUIET = Lidar(beams=8, rate=5.0, range_min=0.0, range_max=20.0)
@@ -143,47 +133,3 @@ def test_sectors_to_which_a_lidar_is_blind_are_as_near_as_what_is_beside_them_an
         measure(scene, STAND, STAND, -lidar.beams, 0, 0.0, 7, lidar, 0.1)
         np.testing.assert_allclose(scene.lidar.sectors[13:24] * SIGHT, behind, rtol=0.01)
         assert (scene.lidar.sectors[[12, 24]] * SIGHT > 0.6).all()
-
-
-@pytest.mark.parametrize("blind", [((2.1, 2.1),), ((-0.3, 0.5), (0.9, 0.04)), ((0.0, 2.0 * math.pi),)])
-def test_blind_beams_return_nothing_and_change_no_other_beam(blind):
-    """They are not measured: the others must not depend on how a revolution is divided."""
-    sees = replace(LIDARS["urg04lx"], dead=())
-    measured = []
-    for lidar in (sees, replace(sees, dead=blind)):
-        scene = room(2.0, 1.0, lidar)
-        for first in range(0, lidar.beams, 300):
-            measure(scene, STAND, Pose(0.01, 0.0, 0.1), first, min(first + 300, lidar.beams), 0.0, 7, lidar, 0.1)
-        measured.append(scene.lidar.ranges[1].copy())
-    is_blind = np.isinf(scene.lidar.beams[2, : sees.beams])
-    assert is_blind.any()
-    np.testing.assert_array_equal(measured[1], np.where(is_blind, np.float32(np.inf), measured[0]))
-
-
-WALL, GOAL = 3.0, Pose(2.0, 0.0, 0.0)
-HALL = FloorPlan(walls=Walls(0.0, 0.0, WALL, WALL), start=STAND, goal=GOAL)
-
-
-@kernel
-def estimate_by_the_wall_ahead(estimate, before, senses, p, room, scene):
-    """Correct x by the range of the beam that looks forward, to a wall whose place is known."""
-    estimate = ekf.step(estimate, before, senses, p.tuning, p.dt, p.integrator)
-    mean, P = estimate.belief
-    _, cosine = sincos(mean.theta)
-    x = WALL - float(scene.lidar.ranges[1, 0]) * cosine  # else single precision in plain Python
-    belief, _ = update(estimate.belief, of_row(P, (1.0, 0.0, 0.0)), x - mean.x, 1e-4)
-    return ekf.Estimate(belief if cosine > 0.9 and room.scan_age == 0.0 else estimate.belief, estimate.nis, estimate.rejections)
-
-
-def test_a_filter_uses_the_scan_of_its_own_step(in_step):
-    """At full speed the scan of the step before would be off by 2 cm; this one is exact, so the estimate of x is."""
-    p = make_parameters(ROOM, noise="tutorial")
-    p = p._replace(reward=default_weights(IN_ROOMS), room=make_room(HALL, LIDARS["ideal"], p.dt))
-    system = system_of(p)._replace(estimate=estimate_by_the_wall_ahead, reads_scan=True)
-    episode, off = Episode(p, seed=1, system=system, plan=HALL), []
-    for _ in range(60):
-        episode.act((1.0, 0.0))
-        off.append(abs(episode.world.estimate.belief.mean.x - episode.world.body.true_state.x))
-    assert np.mean(off[5:]) < 0.01
-    batch, plain = Batch(2, p, (GOAL,), system=system, plan=HALL), {1: Episode(p, seed=1, system=system, plan=HALL)}
-    assert len([*in_step(batch, plain, [0.8, -0.1], [1.2, 0.1], 20)]) == 20  # the same compiled and in plain Python

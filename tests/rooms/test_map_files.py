@@ -88,6 +88,10 @@ def test_unexplored_cells_that_thresholds_make_free_are_unknown_and_said(tmp_pat
 def test_files_that_are_missing_or_no_map_are_named(tmp_path, hall):
     (tmp_path / "bad.yaml").write_text("just words")
     (hall.parent / "map.pgm").unlink()
-    for path, message in (("nowhere.yaml", "no map"), (hall, "no image .*map.pgm' for"), (tmp_path / "bad.yaml", "must state")):
+    for path, message in (
+        ("nowhere.yaml", "not a map"),
+        (hall, "no image .*map.pgm' for"),
+        (tmp_path / "bad.yaml", "must state"),
+    ):
         with pytest.raises(ValueError, match=message):
             find_world(path)

@@ -96,16 +96,6 @@ def test_invalid_options_of_a_reset_are_refused_and_begin_nothing(options, messa
         env.step(np.zeros(2, np.float32))
 
 
-@pytest.mark.parametrize("maker", [make, vector], ids=["scalar", "vector"])
-def test_a_room_in_which_no_way_leads_to_the_goal_is_refused_at_each_reset(maker):
-    env = maker(world={"start": (50.0, 0.0, 0.0)})
-    for _ in range(2):
-        with pytest.raises(ValueError, match=r"No way leads from start to goal for a robot of radius 0.105 m"):
-            env.reset(seed=0)
-        with pytest.raises(ResetNeeded):
-            env.unwrapped.step(np.zeros(env.action_space.shape, np.float32))
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -129,10 +119,3 @@ def test_an_invalid_plan_is_refused_before_anything_is_driven(changes, message):
 def test_a_lidar_that_is_too_fast_for_the_control_interval_is_refused():
     with pytest.raises(ValueError, match=r"Lidar\.rate must be at most one scan in a control interval of 0\.2 s, got 10 Hz"):
         make(dt=0.2)
-
-
-@pytest.mark.parametrize(("name", "most"), [("circles", 384.0), ("boxes", 80.0)])
-def test_a_room_has_no_more_obstacles_than_a_scene_may_hold(name, most):
-    RoomRules(**{name: (0.0, most)})
-    with pytest.raises(ValueError, match=f"RoomRules.{name} must be .* at most {most:.0f}"):
-        RoomRules(**{name: (0.0, most + 1.0)})

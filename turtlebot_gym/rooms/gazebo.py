@@ -99,15 +99,11 @@ def _meshes(shape: Element) -> list[Any]:
     A DAE file is scaled to metres by the unit that it states, and its up axis is ignored, as Gazebo does
     (gz-common 5, ``ColladaLoader.cc``).
     """
-    path, part = shape.get("path", ""), shape.findtext("submesh/name", "").strip()
-    if not path:
+    if not shape.get("path"):
         raise ValueError(MISSING)
-    scene: Any = trimesh.load_scene(path)
-    names = [name for name in scene.graph.nodes_geometry if not part or part in (name, scene.graph[name][1])]
-    meshes = [scene.geometry[scene.graph[name][1]].copy().apply_transform(scene.graph[name][0]) for name in names]
-    meshes = [mesh for mesh in meshes if len(getattr(mesh, "faces", ()))]
-    if not meshes:
-        raise ValueError(f"it has no submesh {part!r}" if part else "it has no triangles")
+    meshes: list[Any] = [mesh for mesh in trimesh.load_scene(shape.get("path")).dump() if len(getattr(mesh, "faces", ()))]
+    if not meshes or shape.find("submesh") is not None:
+        raise ValueError("it has no triangles, or only a part of it counts, which is not read here")
     for mesh in meshes:
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         unit = str(mesh.metadata.get("units") or "meters").split("*")[0].strip()  # "0.0254 * meters" of a DAE file

@@ -7,7 +7,6 @@ is more than half a diagonal, so a robot that follows a path stays clear all alo
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +20,7 @@ from turtlebot_gym.rooms.rays import (
     is_on_map,
     to_cells,
 )
-from turtlebot_gym.rooms.scene import RESOLUTION, UNREACHED, Scene
+from turtlebot_gym.rooms.scene import RESOLUTION, UNREACHED, Scene, cells_along
 
 MARGIN = 0.1
 """Clearance around the robot on a path, m."""
@@ -59,9 +58,7 @@ def _relax(row: Any, behind: Any, least: Any) -> bool:
 @kernel
 def extent(scene: Scene) -> tuple[int, int]:
     """Return the rows and columns of the grid over a room."""
-    rows = math.ceil(2.0 * scene.room.walls[3] / RESOLUTION - 1e-9)
-    columns = math.ceil(2.0 * scene.room.walls[2] / RESOLUTION - 1e-9)
-    return max(rows, 1), max(columns, 1)
+    return cells_along(2.0 * scene.room.walls[3]), cells_along(2.0 * scene.room.walls[2])
 
 
 @kernel
@@ -151,13 +148,14 @@ def is_free(scene: Scene, x: float, y: float) -> bool:
 
 
 @kernel
-def _sweep(lengths, least, first: int, last: int, step: int) -> bool:
+def _sweep(lengths, least, rows: int, backwards: bool) -> bool:
     """Extend the paths of each row by a step to the next, row by row, and return whether any length became shorter.
 
     A row depends only on the row before it, so LLVM vectorizes the inner loop.
     """
-    shorter = False
-    for row in range(first, last, step):
+    shorter, step = False, -1 if backwards else 1
+    for k in range(rows):
+        row = rows - k if backwards else k + 1
         shorter = _relax(lengths[row], lengths[row - step], least[row]) | shorter
     return shorter
 
@@ -183,15 +181,8 @@ def spread(scene: Scene, x: float, y: float) -> None:
     lengths[row + 1, column + 1] = _HERE
     sweep, unchanged = 0, 0
     while unchanged < 4:
-        direction = sweep % 4
-        if direction == 0:
-            shorter = _sweep(lengths, least, 1, rows + 1, 1)
-        elif direction == 1:
-            shorter = _sweep(lengths, least, rows, 0, -1)
-        elif direction == 2:
-            shorter = _sweep(lengths.T, least.T, 1, columns + 1, 1)
-        else:
-            shorter = _sweep(lengths.T, least.T, columns, 0, -1)
+        backwards = sweep % 2 == 1
+        shorter = _sweep(lengths, least, rows, backwards) if sweep % 4 < 2 else _sweep(lengths.T, least.T, columns, backwards)
         unchanged = 0 if shorter else unchanged + 1
         sweep += 1
     for row in range(rows):

@@ -71,9 +71,7 @@ def read_map(path: str | Path) -> FloorPlan:
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
         content = load(path)
-    except OSError as error:
-        raise ValueError(f"There is no map {str(path)!r}: {error.strerror}.") from error
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         raise ValueError(f"{str(path)!r} is not a map: {error}") from error
     missing = _NEEDED if not isinstance(content, dict) else [name for name in _NEEDED if name not in content]
     if missing:
@@ -86,10 +84,8 @@ def _shades(path: Path) -> tuple[NDArray[Any], NDArray[Any]]:
 
     Transparency is a channel, as for ``map_server``.
     """
-    try:
-        from PIL import Image  # a dependency of matplotlib; a robot reads no maps
-    except ImportError as error:
-        raise ImportError("Maps need Pillow: pip install pillow") from error
+    from PIL import Image  # a robot reads no maps
+
     try:
         with Image.open(path) as image:
             if image.mode.startswith("I"):  # 16 bits

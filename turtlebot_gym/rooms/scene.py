@@ -118,9 +118,10 @@ def scene_at(scenes: Scene, index: int) -> Scene:
     )
 
 
-def _cells(extent: float) -> int:
-    """Return the number of cells along an extent in metres."""
-    return max(1, math.ceil(extent / RESOLUTION - 1e-9))
+@kernel
+def cells_along(extent: float) -> int:
+    """Return the number of cells of the path grid along an extent in metres."""
+    return max(math.ceil(extent / RESOLUTION - 1e-9), 1)
 
 
 def make_scenes(
@@ -144,7 +145,7 @@ def make_scenes(
 
     walls, counts, frame = zeros(4), zeros(2, dtype=np.int64), np.zeros(5)
     shapes = zeros(max(circles, 1), 5), zeros(max(boxes, 1), 6), zeros(people, 6)
-    ways = zeros(_cells(width), _cells(length), dtype=np.uint16)
+    ways = zeros(cells_along(width), cells_along(length), dtype=np.uint16)
     directions = np.zeros((1 if same_lidar else number, 3, beams + GROUP))
     spans, ranges = zeros(SECTORS, 2, dtype=np.int64), zeros(2, beams, dtype=np.float32)
     return Scene(
