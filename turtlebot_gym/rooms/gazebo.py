@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, label
+from scipy.ndimage import label
 from trimesh.intersections import mesh_plane
 
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, SIDE, UNKNOWN, GridMap
@@ -32,8 +32,6 @@ HEADROOM = 0.35
 """Height of the highest TurtleBot, m: TurtleBot 4 Standard 0.341."""
 APRON = 1.0
 """Free space between the contents of a world and the walls around them, m."""
-NARROW = 0.2
-"""Width of a gap through which no robot passes, m: a Burger is 0.18 m wide."""
 ENOUGH = 1.0
 """Least enclosed ground in which starts and goals are drawn, m^2."""
 _SIDES = 48
@@ -68,12 +66,12 @@ def _bodies(collision: Collision) -> list[trimesh.Trimesh]:
     bodies: list[Any] = []
     for shape in collision.geometry:
         if shape.tag == "box":
-            bodies.append(trimesh.creation.box(_sizes(shape, "size", 3)))
+            bodies.append(trimesh.creation.box(numbers_of(shape.findtext("size"), 3)))
         elif shape.tag == "cylinder":
-            (radius,), (length,) = _sizes(shape, "radius"), _sizes(shape, "length")
+            (radius,), (length,) = numbers_of(shape.findtext("radius"), 1), numbers_of(shape.findtext("length"), 1)
             bodies.append(trimesh.creation.cylinder(radius, length, sections=_SIDES))
         elif shape.tag == "sphere":
-            bodies.append(trimesh.creation.uv_sphere(*_sizes(shape, "radius"), count=(_SIDES // 2, _SIDES)))
+            bodies.append(trimesh.creation.uv_sphere(*numbers_of(shape.findtext("radius"), 1), count=(_SIDES // 2, _SIDES)))
         elif shape.tag == "mesh":
             scale = numbers_of(shape.findtext("scale"), 3, (1.0, 1.0, 1.0))
             try:
@@ -83,14 +81,6 @@ def _bodies(collision: Collision) -> list[trimesh.Trimesh]:
         elif shape.tag not in ("plane", "empty"):
             warnings.warn(f"a {shape.tag} is left out: it is not read here", stacklevel=2)
     return [body.apply_transform(collision.pose) for body in bodies]
-
-
-def _sizes(shape: Element, name: str, count: int = 1) -> list[float]:
-    """Return positive numbers of an SDF element."""
-    values = numbers_of(shape.findtext(name), count)
-    if min(values) <= 0.0:
-        raise ValueError(f"{name} must be positive, not {min(values):g}")
-    return values
 
 
 def _meshes(shape: Element) -> list[Any]:
@@ -166,15 +156,11 @@ def _filled(segments: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np
 
 
 def _enclosed(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the largest ground that cells enclose, but for gaps of less than `NARROW`; all if it is less than `ENOUGH`."""
-    wide: Any = distance_transform_edt(~occupied)
-    labels: Any = label(wide * SIDE > 0.5 * NARROW)[0]  # pyright: ignore[reportIndexIssue]
+    """Return the largest ground that cells enclose; all if it is less than `ENOUGH`."""
+    labels: Any = label(~occupied)[0]  # pyright: ignore[reportIndexIssue]
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
     for edge in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
         sizes[edge] = 0
     largest = int(sizes.argmax())
-    if sizes[largest] * SIDE * SIDE < ENOUGH:
-        return ~occupied
-    near: Any = distance_transform_edt(labels != largest)
-    return (near * SIDE <= 0.5 * NARROW) & ~occupied
+    return labels == largest if sizes[largest] * SIDE * SIDE >= ENOUGH else ~occupied

@@ -70,12 +70,9 @@ class Lidar:
         check_fields(self)
         if not self.range_min < self.range_max:
             raise ValueError(f"Lidar.range_min must be below range_max, got {self.range_min!r} >= {self.range_max!r}.")
-        pair, width = Numbers(FINITE, 2), Range(0.0, TWO_PI, unit="rad")
-        if not isinstance(self.dead, (list, tuple)) or len(self.dead) > DEAD_SECTORS:
-            raise refusal("Lidar.dead", f"at most {DEAD_SECTORS} pairs of a direction and a width", self.dead)
-        sectors = tuple(pair.check(f"Lidar.dead[{at}]", sector) for at, sector in enumerate(self.dead))
-        for at, sector in enumerate(sectors):
-            width.check(f"Lidar.dead[{at}][1]", sector[1])
+        sectors = tuple(Numbers(FINITE, 2).check(f"Lidar.dead[{at}]", sector) for at, sector in enumerate(self.dead))
+        if len(sectors) > DEAD_SECTORS or not all(0.0 <= width <= TWO_PI for _, width in sectors):
+            raise refusal("Lidar.dead", f"at most {DEAD_SECTORS} pairs of a direction and a width up to 2 pi", self.dead)
         object.__setattr__(self, "dead", sectors + ((0.0, 0.0),) * (DEAD_SECTORS - len(sectors)))
 
 
