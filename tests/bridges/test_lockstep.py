@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.values import Pose
-from turtlebot_gym_ros.node.block import Input, On
-from turtlebot_gym_ros.node.lockstep import Answers, Plant, Turn
+from turtlebot_gym_ros.node.block import Every, Input, On
+from turtlebot_gym_ros.node.lockstep import Answers, Plant, Turn, trigger_of
 from turtlebot_gym_ros.node.triggers import SECOND, Messages, StampGrid
 
 S = 1_000_000_000
@@ -156,6 +156,25 @@ def test_the_plant_takes_each_step_once_and_only_when_all_inputs_answer_it():
     plant.begin_episode()
     assert plant.advance(7.0) == 61 * S + TENTH
     assert plant.advance(7.0) == 61 * S + 2 * TENTH  # one leap for an episode
+
+
+def test_a_step_without_an_answer_is_resent_each_fifth_of_a_second_and_overdue_after_two():
+    plant = Plant(0.1, now=7.0)
+    plant.advance(8.0)
+    assert [plant.resend(now) for now in (8.1875, 8.25, 8.375, 8.5)] == [False, True, False, True]
+    assert [plant.is_overdue(now) for now in (10.0, 10.125)] == [False, True]
+    plant.advance(10.25)
+    assert (plant.resend(10.375), plant.is_overdue(12.25)) == (False, False)
+
+
+def test_a_block_runs_as_the_plant_or_on_an_input_whose_messages_belong_to_steps():
+    on = On("odometry")
+    assert trigger_of(on, {}) is on
+    assert trigger_of(Every(0.1, answers="estimate"), {}) == On("estimate")
+    assert trigger_of(Every(0.1, plant=True), {}) is None
+    for trigger, inputs in ((on, {"own": Input(topic="own", type=Pose, lock_step="refused")}), (Every(0.1), {})):
+        with pytest.raises(ValueError, match="lock_step must be false"):
+            trigger_of(trigger, inputs)
 
 
 MS = SECOND // 1000
