@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import torch
 from sb3_contrib import TQC, RecurrentPPO
-from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
+from stable_baselines3 import A2C, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from torch import nn
 
@@ -40,11 +40,9 @@ KINDS = {
     "a2c": (A2C, "MlpPolicy", ON | {"use_sde": True}, plain),
     "sac": (SAC, "MlpPolicy", OFF, plain),
     "td3": (TD3, "MlpPolicy", OFF, plain),
-    "ddpg": (DDPG, "MlpPolicy", OFF, plain),
     "tqc": (TQC, "MlpPolicy", OFF, plain),
     "squashed": (PPO, "MlpPolicy", ON | {"use_sde": True, "policy_kwargs": FREE | {"squash_output": True}}, plain),
     "normalized": (PPO, "MlpPolicy", ON, normalized),
-    "normalized-sac": (SAC, "MlpPolicy", OFF, normalized),
     "only-rewards": (PPO, "MlpPolicy", ON, only_rewards),
     "recurrent": (RecurrentPPO, "MlpLstmPolicy", LSTM, plain),
     "recurrent-normalized": (RecurrentPPO, "MlpLstmPolicy", LSTM, normalized),

@@ -102,17 +102,6 @@ def test_a_value_is_yaml_and_several_are_compared(tmp_path):
     np.testing.assert_allclose(runs[0]["episodes"]["time"], expected.episodes.time)
 
 
-def test_a_training_takes_every_hyper_parameter(tmp_path):
-    varied = ["--overrides", "{learning_rate: 3e-4, policy_kwargs: {net_arch: [8, 8]}}", "--reward", "{effort: 0.2}"]
-    assert (
-        main(["train", "--out", str(tmp_path / "run"), "--steps", "64", "--episodes", "4", "--evaluations", "1", *varied]) == 0
-    )
-    record = json.loads((tmp_path / "run" / "config.json").read_text())
-    assert record["hyperparameters"]["learning_rate"] == 3e-4
-    assert record["hyperparameters"]["policy_kwargs"]["net_arch"] == [8, 8]
-    assert record["config"]["reward"] == {"effort": 0.2}
-
-
 @pytest.mark.parametrize("words", ["evaluate --policy mine.json --json mine.json", "export mine.onnx --out mine.onnx"])
 def test_no_input_is_overwritten_even_with_force(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

@@ -214,26 +214,12 @@ def test_what_cannot_be_read_is_refused_in_one_line(seeing, changed, message):
     assert "\n" not in str(refused.value)
 
 
-def test_single_invalid_beams_are_accepted(seeing):
-    command = seeing.act(**INPUTS)
-    ranges = SCAN.ranges.copy()
-    ranges[::10] = np.nan
-    assert seeing.act(**{**INPUTS, "scan": SCAN._replace(ranges=ranges)}) == command
-
-
 def test_a_clockwise_scan_is_seen_where_it_points(seeing):
     ranges = SCAN.ranges.copy()
     ranges[90] = 0.5  # to the left of one that turns counter-clockwise
     for increment, sector in ((SCAN.increment, 9), (-SCAN.increment, 27)):
         seeing.act(**{**INPUTS, "scan": SCAN._replace(ranges=ranges, increment=increment)})
         assert np.flatnonzero(seeing.observation[13:-1] < 0.5).tolist() == [sector]
-
-
-def test_a_matrix_states_the_same_as_its_variances(seeing):
-    seeing.act(**{**INPUTS, "covariance": [[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.16]]})
-    matrix = seeing.observation
-    seeing.act(**{**INPUTS, "covariance": (0.04, 0.09, 0.16)})
-    np.testing.assert_array_equal(seeing.observation, matrix)
 
 
 def test_robot_and_period_are_those_on_the_card():

@@ -12,7 +12,7 @@ from turtlebot_gym.models.angles import wrap
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation import evaluate as evaluation
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.ids import SHORT
 from turtlebot_gym_agents.provenance import plain, write_json
 
@@ -131,24 +131,15 @@ def test_episodes_do_not_depend_on_the_batch_at_whose_start_memory_is_reset(monk
         def reset(self, mask):
             masks.append(mask.tolist())
 
-    whole = evaluate("bearing", episodes=7, noise="rough")
+    whole = evaluate("bearing", episodes=7, noise="rough", consistency=True)
     monkeypatch.setattr(evaluation, "BATCH", 3)
-    parts = evaluate(Remembers(), episodes=7, noise="rough")
+    parts = evaluate(Remembers(), episodes=7, noise="rough", consistency=True)
     assert whole.summary() == parts.summary()
     for name, values in whole.episodes._asdict().items():
         np.testing.assert_array_equal(values, getattr(parts.episodes, name))
+    for one, other in zip(whole.consistency, parts.consistency, strict=True):
+        np.testing.assert_array_equal(one, other)
     assert masks == [[True] * 3, [True] * 3, [True]]
-
-
-def test_a_paired_difference_is_first_minus_second_and_narrower_than_an_unpaired_one():
-    first, second = evaluate("bearing", episodes=200), evaluate("bearing", episodes=200, noise="documented")
-    difference = paired(first, second)
-    assert difference.value == pytest.approx(first.times().mean() - second.times().mean())
-    assert paired(second, first).value == -difference.value
-    alone = first.summary()["time"]
-    assert difference.high - difference.low < 0.3 * (alone.high - alone.low)
-    with pytest.raises(ValueError, match="same seeds"):
-        paired(first, evaluate("bearing", episodes=200, seed=1))
 
 
 def test_the_interval_of_a_share_of_sums_ends_at_what_is_possible():

@@ -97,13 +97,3 @@ def test_the_outcome_counts_the_waypoints_of_a_task_with_several():
     evaluation = evaluate("bearing", env="square", robot="tutorial", switch="time", episodes=2)
     assert evaluation.trajectory.outcome == "4 waypoints reached, time is up after 60.0 s"
     assert evaluation.verdict() == "bearing reaches 4.00 to 4.00 waypoints."
-
-
-def test_consistency_of_an_evaluation_does_not_depend_on_batches(monkeypatch):
-    whole = evaluate("bearing", episodes=7, consistency=True).consistency
-    monkeypatch.setattr("turtlebot_gym_agents.evaluation.evaluate.BATCH", 3)
-    parts = evaluate("bearing", episodes=7, consistency=True).consistency
-    for one, other in zip(whole, parts, strict=True):
-        np.testing.assert_array_equal(one, other)
-    assert whole.nees.shape == (7, len(whole.time))
-    assert np.isnan(whole.nis[:, 0]).all()

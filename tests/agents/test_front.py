@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-import turtlebot_gym_agents as front
 from turtlebot_gym.drive import position_error
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym_agents import compare, drive, evaluate, export, make_policy, replay, train, watch
@@ -175,12 +174,6 @@ def test_watch_hands_policies_or_drives_to_the_viewer(in_a_room, monkeypatch):
     }
     monkeypatch.setattr(satellites, "satellite", lambda name, attribute: viewer[attribute])
     assert watch("bearing", "ppo-nav", seed=3) == (("bearing", "ppo-nav"), {"env": None, "seed": 3})
-    assert watch()[0] == ("bearing",)
     assert watch(in_a_room) == ([in_a_room.record], {"title": "vfh"})
     with pytest.raises(ValueError, match="watch shows policies or drives, got both"):
         watch("bearing", in_a_room)
-
-
-def test_every_public_name_is_documented():
-    for name in front.__all__:
-        assert getattr(front, name).__doc__, name

@@ -22,22 +22,10 @@ def made(algo="ppo", **given):
     return arguments(load(algo, TASKS[0], NEEDED | given))
 
 
-def write(tmp_path, text):
-    path = tmp_path / "hyper.yaml"
-    path.write_text(text)
-    return path
-
-
-def test_an_environments_own_entry_goes_before_the_default(tmp_path):
-    path = write(tmp_path, f"default: {{n_timesteps: 1, n_envs: 4}}\n{TASKS[0]}: {{n_timesteps: 2e3, n_envs: 4}}\n")
-    assert load("ppo", TASKS[0], path)["n_timesteps"] == 2000
-    assert load("ppo", TASKS[1], path)["n_timesteps"] == 1
-
-
 @pytest.mark.parametrize("algo", SHIPPED)
 def test_shipped_files_are_read_for_any_environment_and_mean_the_same_to_the_zoo(algo):
     """rl-baselines3-zoo evaluates text under ``policy_kwargs`` with ``nn`` in scope, and splits rates at their underscore."""
-    assert load(algo, "somebody/Else-v3")["n_envs"] > 0
+    assert load(algo, "somebody/Else-v3")["n_envs"] > 0  # the default's
     for env in TASKS:
         hyper = load(algo, env)
         assert load(algo, env, hyper) == hyper

@@ -6,20 +6,14 @@ import re
 import numpy as np
 import pytest
 
-from turtlebot_gym import ROBOTS
 from turtlebot_gym.observations import ROOM
 from turtlebot_gym.observations.columns import size_of
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
-from turtlebot_gym_agents.policies import BearingPolicy, ProportionalPolicy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.named import shipped_folder
 
-LAWS = {
-    "proportional": ProportionalPolicy,
-    "bearing": BearingPolicy,
-}
 SHIPPED = {
     "ppo-nav": "turtlebot_gym/TurtleBotNav-v0",
     "ppo-pose": "turtlebot_gym/TurtleBotPose-v0",
@@ -30,18 +24,6 @@ SHIPPED = {
 SIGHT = np.array(
     [2.0, math.cos(0.3), math.sin(0.3), math.cos(0.5), math.sin(0.5), 0.5, 0.5, 0.05, 0.1, 1.0, 2.0, 1.0, 0.0], np.float32
 )
-
-
-@pytest.mark.parametrize("name", LAWS)
-def test_a_law_by_name_is_made_for_the_robot_and_the_period(name):
-    law, acted = LAWS[name], []
-    assert type(make_policy(name)) is law
-    for robot, dt in (("burger", 0.1), ("waffle", 0.25)):
-        acted.append((law(robot) if name == "proportional" else law(robot, dt))(SIGHT))
-        for reference in (robot, ROBOTS[robot]):
-            np.testing.assert_array_equal(make_policy(name, robot=reference, dt=dt)(SIGHT), acted[-1])
-    np.testing.assert_array_equal(make_policy(name)(SIGHT), acted[0])
-    assert not np.array_equal(*acted)  # otherwise the line above would prove nothing
 
 
 LOCATED = {"env": ROOMS, "world": "office", "noise": "wheel", "localizer": "match", "observation": "located"}

@@ -66,8 +66,6 @@ def test_a_deployment_refuses_a_term_that_is_missing_by_its_name(trained):
     for own, message in (
         (None, rf"own must have the terms that the policy reads, \['{name}'\], got \[\]"),
         ({name: float("nan")}, f"the term '{name}' must be 1 finite number, got nan"),
-        ({name: (1.0, 2.0)}, f"the term '{name}' must be 1 finite number"),
-        ({name: "near"}, f"the term '{name}' must be 1 finite number, got 'near'"),
         ({name: 0.0, "lamp": 1.0}, rf"reads, \['{name}'\], got \['{name}', 'lamp'\]"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -53,12 +53,6 @@ def test_the_cheapest_path_is_dijkstras():
             start = following[start]
 
 
-def test_one_robot_and_several_run_the_same_machine_code():
-    for shape in ((), (1,), (3,)):
-        PlannerPolicy()(np.broadcast_to(sight(shares=NOTHING), (*shape, 50)))
-    assert len(grid.advance.signatures) == 1
-
-
 def test_machine_code_is_plain_python_to_the_bit():
     random, policy = np.random.default_rng(3), PlannerPolicy()
     compiled, plain = ([*(np.zeros((2, SIDE, SIDE), np.int8) for _ in range(3)), np.zeros((2, 2))] for _ in range(2))

@@ -116,21 +116,6 @@ def test_corner_policy_steers_to_the_point_inside_the_bend(waypoint, following, 
         assert np.abs(action - BearingPolicy(gain=3.0)(seen_at_rest(waypoint, following)))[1] > 0.005
 
 
-def test_a_robot_whose_arrival_does_not_count_comes_ever_nearer_to_the_waypoint():
-    # The believed pose is within the radius and the true one is not, so the waypoint stays: no robot may drive past it.
-    random, robot, goal = np.random.default_rng(3), ROBOTS["burger"], Pose(0.0, 0.0, 0.0)
-    for _ in range(30):
-        following = Pose(*random.uniform(-2.0, 2.0, 2).tolist(), 0.0)
-        x, y, theta = (*random.uniform(-0.25, 0.25, 2).tolist(), random.uniform(-np.pi, np.pi))
-        policy, v, omega = CornerPolicy(robot), 0.0, 0.0
-        for _ in range(150):
-            forward, turn = policy(seen(State(x, y, theta, v, omega), goal, robot, following)).tolist()
-            x, y, theta = x + v * np.cos(theta) * 0.1, y + v * np.sin(theta) * 0.1, theta + omega * 0.1
-            omega = turn * 2.635
-            v = float(np.clip(forward * 0.2108, -1.0, 1.0)) * max(0.0, 1.0 - abs(turn))  # wheels at their limit
-        assert np.hypot(x, y) < 0.15  # half of the radius
-
-
 NOISY = ("tutorial", "documented")
 
 

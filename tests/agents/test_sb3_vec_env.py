@@ -84,16 +84,6 @@ def test_all_that_sb3_receives():
         assert third == {}
 
 
-def test_a_reset_begins_returns_and_lengths_anew():
-    env = Sb3VecEnv(Scripted())
-    env.reset()
-    env.step(STILL)
-    env.reset()
-    for action in (0.5, 0.5, 0.0):
-        *_, infos = env.step(STILL + action)
-    assert infos[0]["episode"] == {"r": 4.0, "l": 3}
-
-
 def test_rows_that_share_their_attributes_answer_together():
     env = Sb3VecEnv(Scripted())
     assert env.get_attr("at", [0, 2]) == [0, 0]

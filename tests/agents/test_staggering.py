@@ -4,8 +4,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.sb3_vec_env import GROUPS, Staggered
 
 ROWS = 2 * GROUPS
@@ -48,10 +46,3 @@ def test_chosen_rows_begin_at_once():
     chosen = np.arange(ROWS) < 5
     after, _ = envs.reset(options={"reset_mask": chosen})
     np.testing.assert_array_equal(after, np.where(chosen[:, None], 0.0, before))
-
-
-def test_a_training_begins_all_along_the_square():
-    config = TrainingConfig(env="square", config={"n_envs": 64, "n_timesteps": 64, "n_steps": 8, "batch_size": 64})
-    envs = config.make_training()
-    together, apart = envs.reset(seed=0)[0], make_model(config, envs).env.reset()
-    assert apart[:, 0].std() > 2.0 * together[:, 0].std()  # the distance to the next corner

@@ -39,7 +39,6 @@ HYPER = """default:
         ("policies: bearing\ncompare_with: corner", "compare_with must be one of 'bearing', got 'corner'"),
         ("policies: bearing\nepisodes: 1", "episodes must be a whole number from 2 to 10*, got 1"),
         ("policies: bearing\ntrainings: {ppo: {colour: red}}", "training 'ppo': TrainingConfig has no colour; it has "),
-        ("policies: bearing\ntrainings: {ppo: {seeds: 0}}", "seeds of training 'ppo' must be"),
         ("policies: [", "study.yaml( is not YAML)?: "),
     ],
 )
@@ -137,16 +136,6 @@ def test_an_evaluation_does_not_depend_on_how_it_is_split(request_, monkeypatch)
     assert plain(split.summary()) == plain(expected.summary())
     assert split.times().tobytes() == expected.times().tobytes()
     assert split.trajectory.true_state.tobytes() == expected.trajectory.true_state.tobytes()
-
-
-def test_several_seeds_are_trained_by_workers_as_here(tmp_path, monkeypatch):
-    (tmp_path / "hyper.yaml").write_text(HYPER)
-    short = ["train", "--config", str(tmp_path / "hyper.yaml"), "--evaluations", "1", "--episodes", "8", "--seeds", "2"]
-    for name, options in (("here", []), ("two", ["--cluster", "local", "--workers", "2"])):
-        assert main([*short, "--out", str(tmp_path / name), *options]) == 0
-    bundles = [BundlePolicy(tmp_path / name / "seed-1" / "policy.onnx") for name in ("here", "two")]
-    rows = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 13))
-    np.testing.assert_array_equal(bundles[0](rows), bundles[1](rows))
 
 
 @pytest.mark.slow
