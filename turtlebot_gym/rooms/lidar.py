@@ -24,10 +24,6 @@ SIGHT = 3.5
 all."""
 MAX_AGE = 1.0
 """Greatest age of a scan that a policy sees, s."""
-MAX_BEAMS = 10_000
-"""Most beams per revolution: five times those of the finest LiDARs for robots of this size."""
-MIN_RATE, MAX_RATE = 0.01, 1e4
-"""Slowest and fastest LiDAR, revolutions per second: the age of a scan is counted in whole nanoseconds."""
 DEAD_SECTORS = 4
 """Most blind sectors of a LiDAR."""
 
@@ -36,9 +32,9 @@ DEAD_SECTORS = 4
 class Lidar:
     """A two-dimensional LiDAR: its beams, their errors and their timing."""
 
-    beams: Annotated[int, Range(1, MAX_BEAMS, whole=True)] = 360
+    beams: Annotated[int, Range(1, 10_000, whole=True)] = 360
     """Beams per revolution, evenly spaced counter-clockwise from `yaw`."""
-    rate: Annotated[float, Range(MIN_RATE, MAX_RATE, unit="Hz")] = 5.0
+    rate: Annotated[float, Range(0.01, 1e4, unit="Hz")] = 5.0
     """Revolutions per second; at most one per control interval."""
     range_min: Annotated[float, NON_NEGATIVE] = 0.12
     """Shorter ranges are not returned, m."""
