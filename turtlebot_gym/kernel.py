@@ -97,18 +97,6 @@ def fetch(array: Any, index: int) -> None:
     """Ask for the cache line of a number that will be read soon; in plain Python do nothing."""
 
 
-def prefer_wide() -> None:
-    """Ask for the widest vectors in the loops of the compiled function that calls this, and of the kernels that it inlines.
-
-    In a kernel and in plain Python it has no effect.
-    """
-
-
-def compiled_scratch(size: int, element: str = "float64") -> Any:
-    """Return room for ``size`` numbers, a constant, until the calling compiled function ends; for compiled loops only."""
-    raise NotImplementedError("compiled_scratch is for compiled loops: plain Python makes an array.")
-
-
 def in_loops(loop: Callable[..., Any]) -> Callable[[F], F]:
     """Decorate a function of whole arrays that compiled loops replace by one of loops, with the same results to the last bit.
 

@@ -11,7 +11,7 @@ from steering import SHAKY, drive
 
 from turtlebot_gym import FilterTuning, FixNoise, Robot
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.compiled.threads import Threads, limited
+from turtlebot_gym.compiled.threads import count, limited
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Options
@@ -78,7 +78,7 @@ def test_rows_equal_plain_python_for_a_million_steps(case, in_step):
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_large_batch_equals_plain_python_on_any_number_of_threads(threads, in_step):
-    if threads > Threads.count():
-        pytest.skip(f"there are {Threads.count()} thread(s) here")
+    if threads > count():
+        pytest.skip(f"there are {count()} thread(s) here")
     with limited(threads):  # both sides of a tile's and of the threads' border
         assert ends_of(NOISY, 4096, (0, 31, 32, 2047, 2048, 4095), 200, in_step).all()

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import turtlebot_gym
-from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.compiled.batch import PARALLEL_FROM, Batch
 from turtlebot_gym.compiled.packing import TILE
-from turtlebot_gym.compiled.runner import PARALLEL_FROM
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
@@ -66,7 +65,7 @@ def test_what_is_read_is_a_copy(num_envs):
     before = worlds(batch)
     batch.select(range(batch.layout.world.size), [[0, 1], [2, 3]])
     assert batch.selected()[:-4].T.tolist() == batch.numbers("").tolist()
-    numbers, parts = batch.first_selected()
+    numbers, parts = batch.first
     whole, square = (numbers[part] for part in parts)
     assert [*whole.tolist(), *square.ravel().tolist()] == batch.selected()[:, 0].tolist()
     assert square.shape == (2, 2)

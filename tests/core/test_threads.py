@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled import runner
+from turtlebot_gym.compiled import batch as batches
+from turtlebot_gym.compiled import threads as module
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.packing import TILE
-from turtlebot_gym.compiled.threads import VARIABLE, Threads, limited
+from turtlebot_gym.compiled.threads import VARIABLE, limited
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE
 
@@ -29,38 +30,28 @@ def driven(steps=20, task="square"):
 def test_the_limit_changes_no_bit(monkeypatch, threads, task):
     with limited(1):
         serial = driven(task=task)
-    monkeypatch.setattr(runner, "PARALLEL_FROM", TILE)
-    monkeypatch.setattr(runner, "ROOMS_PARALLEL_FROM", TILE)
+    monkeypatch.setattr(batches, "PARALLEL_FROM", TILE)
+    monkeypatch.setattr(batches, "ROOMS_PARALLEL_FROM", TILE)
     with limited(threads):
         assert driven(task=task) == serial
 
 
-def test_one_python_thread_at_a_time_has_more_than_one():
-    most = Threads.count()
-    with limited(1), Threads.taken() as number:
-        assert number == 1
-    with Threads.taken() as number, Threads.taken() as others, limited(2):
-        assert (number, others, Threads.count()) == (most, 1, min(2, most))
-    with Threads.taken() as number:
-        assert number == most
-
-
 def test_the_limit_ends_with_its_block():
-    before = Threads.limit
+    before = module.limit
     with limited(3):
         with pytest.raises(KeyError), limited(2):
             raise KeyError
-        assert Threads.limit == 3
-    assert Threads.limit == before
+        assert module.limit == 3
+    assert module.limit == before
     with pytest.raises(ValueError, match="threads must be at least 1, got 0"), limited(0):
         pass
-    assert Threads.limit == before
+    assert module.limit == before
 
 
 @pytest.mark.parametrize("value", ["", "1", "16", "0", "two", "-1", "1.5"])
 def test_the_environment_variable_sets_the_limit_and_is_checked(value, run):
     def limit():
-        return run("from turtlebot_gym.compiled.threads import Threads; print(Threads.limit or 0)", **{VARIABLE: value})
+        return run("from turtlebot_gym.compiled import threads; print(threads.limit or 0)", **{VARIABLE: value})
 
     if value in ("", "1", "16"):
         assert limit() == int(value or 0)
@@ -87,7 +78,7 @@ def test_importing_a_package_leaves_the_environment_of_the_process_as_it_was(pac
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("longest", [0, TILE, -1], ids=["first", "of another tile", "last"])
 def test_a_batch_tells_whether_any_episode_ended_however_many_threads_made_the_step(monkeypatch, threads, longest):
-    monkeypatch.setattr(runner, "PARALLEL_FROM", TILE)
+    monkeypatch.setattr(batches, "PARALLEL_FROM", TILE)
     parameters, waypoints, *_ = Options(task=replace(SQUARE, max_steps=3)).setup()
     batch = Batch(9 * TILE - 5, parameters, waypoints)
     actions, others = np.zeros((batch.num_envs, 2), np.float32), np.ones(batch.num_envs, np.bool_)
@@ -96,5 +87,5 @@ def test_a_batch_tells_whether_any_episode_ended_however_many_threads_made_the_s
     with limited(threads):
         batch.step(actions)
         batch.reset(others, *batch.empty())
-        flagged = [batch.is_flagged() for _ in range(3) if batch.step(actions)]
+        flagged = [batch.flagged > 0 for _ in range(3) if batch.step(actions)]
     assert flagged == [False, True, True]

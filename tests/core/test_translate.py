@@ -1,11 +1,14 @@
 """Kernels with loops and arrays as machine code: the results of plain Python, to the bit."""
 
+import re
+
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled.program import compiled
-from turtlebot_gym.compiled.values import Untraceable
-from turtlebot_gym.kernel import HAS_LLVM, kernel
+from turtlebot_gym.compiled import native
+from turtlebot_gym.compiled.program import compiled, text_of
+from turtlebot_gym.compiled.values import Untraceable, form_of
+from turtlebot_gym.kernel import HAS_LLVM, kernel, lanes
 from turtlebot_gym.values import Pose
 
 pytestmark = pytest.mark.skipif(not HAS_LLVM, reason="needs llvmlite")
@@ -64,6 +67,26 @@ def test_machine_code_gives_the_bits_of_plain_python(function, least):
 
 
 @kernel
+def ahead(x, v, dt):
+    return x + v * dt
+
+
+def move(xs, v, dt):
+    for lane in lanes(len(xs)):
+        xs[lane] = ahead(xs[lane], v, dt)
+
+
+def test_one_kernel_from_python_to_machine_code():
+    xs, fractions = np.random.default_rng(0).random((2, 37))
+    wanted = [ahead(x, 0.3, fractions[0]) for x in xs.tolist()]
+    text, _ = text_of(move, tuple(map(form_of, (xs, 0.3, fractions[0]))))
+    assert re.search(r"(%\w+) = fmul double .*\n.*fadd double %\w+, \1\n", text)  # no flag lets LLVM fuse them
+    assert "fadd <8 x double>" in str(native._optimized(text, 3, native._machine()))
+    compiled(move, "a function in tests")(xs, 0.3, fractions[0])
+    assert xs.tolist() == wanted
+
+
+@kernel
 def array_of(numbers):
     return numbers.copy()
 
@@ -76,16 +99,24 @@ def summed(numbers):
     return total
 
 
+@kernel
+def after_a_loop(numbers):
+    for k in range(len(numbers)):
+        last = numbers[k]
+    return last
+
+
 REFUSED = {
-    "a whole number first, and then a float: begin with a float": lambda numbers: summed(numbers),
-    "'<lambda>', .*cannot be compiled: Dict": lambda numbers: {"least": numbers[0]},
+    "holds a whole number, and then a float": lambda numbers: summed(numbers),
+    "the syntax Dict": lambda numbers: {"least": numbers[0]},
     "the kernel 'array_of' returns an array: let it take one to write to": lambda numbers: array_of(numbers)[0],
-    "the function <built-in function sorted>": lambda numbers: sorted(numbers)[0],
-    "a variable that holds tuple and Number": lambda numbers: (1.0, 2.0) if numbers[0] > 0.0 else numbers[0],
+    "the function 'sorted'": lambda numbers: sorted(numbers)[0],
+    "holds a tuple, and then a float": lambda numbers: (1.0, 2.0) if numbers[0] > 0.0 else numbers[0],
+    "the variable 'last', which has no value here": lambda numbers: after_a_loop(numbers),
 }
 
 
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_cannot_be_translated_is_named_with_its_place(what):
-    with pytest.raises(Untraceable, match=rf"line \d+ of the kernel .*{what}"):
+    with pytest.raises(Untraceable, match=rf"test_translate\.py, line \d+ of the kernel .*{what}.*; kernels use numbers"):
         compiled(REFUSED[what], "a function in tests")(np.zeros(2))

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.compiled.loop import Loops
+from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.compiled.packing import TILE, Packing, access, aligned, as_tuple, flatten, layout_of
-from turtlebot_gym.compiled.program import address_of
-from turtlebot_gym.compiled.runner import Runner
+from turtlebot_gym.compiled.proof import Case
+from turtlebot_gym.compiled.threads import TileLoop
 from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.heart import step_of
+from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.observations.columns import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import arrays_of
@@ -24,6 +26,14 @@ from turtlebot_gym.values import Pose
 
 FEW = 16
 """Most environments whose results are faster to copy than the addresses of new arrays are to find."""
+PARALLEL_FROM = 2048
+"""Batches below this size run on one thread: splitting costs more than it saves."""
+ROOMS_PARALLEL_FROM = 256
+"""The same in rooms, where a step takes about ten times as long."""
+FOLDED_FROM = 512
+"""Batches below this size load shared parameters that are not whole numbers: code of their own would never pay for itself."""
+CHANGING = {"step": (5, 6), "reset": (0, 1, 8, 9)}
+"""Arguments of the loops that differ from call to call: results, and of a reset the mask and whether episodes begin."""
 
 
 class Batch:
@@ -36,7 +46,14 @@ class Batch:
         system: The kernels of a step; None for those of the parameters.
         plan: The floor plan of a given room, the same for all.
         shares: Whether outcomes have a row for the share of each term of the reward, too.
+
+    Attributes:
+        flagged: Number of flags that the last step has set: success, termination or truncation.
+        first: The numbers of the first environment, and the places of each chosen part in them: ``numbers[part]`` is a copy of
+            a part, in its shape; all parts take a fifth of the time of `selected`.
     """
+
+    first: tuple[NDArray[np.float64], tuple[NDArray[np.intp], ...]]
 
     def __init__(
         self,
@@ -50,8 +67,8 @@ class Batch:
     ) -> None:
         self.num_envs, self.parameters, self._n_tiles = num_envs, parameters, -(-num_envs // TILE)
         self.system = system = system or system_of(self.parameters_of(0))
-        self.layout, self._plan = layout_of(system), plan
-        self._runner = Runner(system, num_envs, shares)
+        self.layout, self._plan, self._shares = layout_of(system), plan, shares
+        self._is_compiled = system.compiled and HAS_LLVM
         self._shapes = size_of(system.terms), self.layout.outcome.size - (0 if shares else len(system.rewards))
         self.seeds = np.zeros(num_envs, np.int64)
         self.episodes = np.zeros(num_envs, np.int64)
@@ -60,10 +77,12 @@ class Batch:
         self.scenes: Any = ()
         history = History(system.terms, num_envs)
         self._history = history if history else None  # a test for None takes a tenth of a microsecond less
+        self._asked = np.zeros(2 * self._n_tiles * TILE, np.float32)
+        self.given = self._asked[: 2 * num_envs].reshape(-1, 2)
         self._world: Packing | None = None
         self._selected: list[NDArray[np.intp]] = []
         self._begun = False
-        self._flagged = 0
+        self.flagged = 0
         self.set_parameters(parameters)
 
     def parameters_of(self, row: int) -> Parameters:
@@ -88,42 +107,50 @@ class Batch:
         self.parameters = parameters
         self._make_room_for(rows * self.num_envs if same else rows)
         numbers = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
-        varying = self._runner.find(numbers, self.waypoints.shape[1], self._begun)
-        self._lay_out(self._runner.loops)
-        last, whole = len(rows) - 1, -(-len(rows) // TILE) * TILE
-        table = numbers[np.minimum(np.arange(whole), last)][:, varying]  # the last row fills the last tile
-        tiles = table.reshape(len(table) // TILE, TILE, len(varying)).transpose(0, 2, 1)
-        self._parameters = aligned(tiles.size)
-        self._parameters.reshape(tiles.shape)[:] = tiles
-        self._asked = np.zeros(2 * self._n_tiles * TILE, np.float32)
-        self.given = self._asked[: 2 * self.num_envs].reshape(-1, 2)
-        self._copies = self.num_envs <= FEW or self.num_envs % TILE > 0
-        """Whether actions are copied: loops read those of whole tiles."""
-
-    def _lay_out(self, loops: Loops) -> None:
-        """Move the numbers of all worlds to the places of other loops."""
-        world, before = loops.world, self._world
-        self._access = access(world)
-        if before is not None and world.places == before.places:
+        try:
+            self._lay_out(numbers)
+        except Untraceable as error:
+            self._give_up(error)
             return
-        tiles = aligned(self._n_tiles * world.size * TILE).reshape(self._n_tiles, world.size, TILE)
-        if before is not None:
-            tiles[:, world.places] = self._tiles.reshape(self._n_tiles, -1, TILE)[:, before.places]
-        if not self._begun:
-            for place, value in loops.constants.items():
-                tiles[:, place] = value
-        self._world, self._tiles = world, tiles.reshape(self._n_tiles, -1)
-        self._first = self._tiles[0]
-        self.select(*self._selected)
+        whole = -(-len(rows) // TILE) * TILE
+        table = numbers[np.minimum(np.arange(whole), len(rows) - 1)]  # the last row fills the last tile
+        self._parameters = aligned(table.reshape(-1, TILE, numbers.shape[1]).transpose(0, 2, 1).reshape(whole // TILE, -1))
+
+    def _lay_out(self, numbers: NDArray[np.float64]) -> None:
+        """Find the loops for parameters, shape (1, K) or (N, K), and move the numbers of all worlds to their places there."""
+        self._case, waypoints = None, self.waypoints.shape[1]
+        if self._is_compiled and not self.system.in_room:
+            pairs = zip(numbers[0].tolist(), (numbers == numbers[0]).all(axis=0), strict=True)
+            folds, begun = self.num_envs >= FOLDED_FROM, self._begun  # begun with other parameters
+            known = (value if same and (folds or value.is_integer()) and not begun else None for value, same in pairs)
+            self._case = Case(tuple(known), waypoints, whole=begun)
+        world, before, shape = self._use_loops(), self._world, (self._n_tiles, -1, TILE)
+        if before is None or world.places != before.places:
+            tiles = np.zeros((self._n_tiles, world.size, TILE))
+            known = np.array([[0.0 if value is None else value] for value in world.known])
+            tiles[:, world.places] = known if before is None else self._tiles.reshape(shape)[:, before.places]
+            self._world, self._tiles = world, aligned(tiles.reshape(self._n_tiles, -1))
+            self.select(*self._selected)
+
+    def _use_loops(self) -> Packing:
+        """Use the loops of the case, with other arguments than before; return the layout of their worlds."""
+        world, *loops = loops_of(self.system._replace(compiled=self._is_compiled), self._case, self._shares)
+        is_parallel = self.num_envs >= (ROOMS_PARALLEL_FROM if self.system.in_room else PARALLEL_FROM)
+        pairs = zip(CHANGING.items(), loops, strict=True)
+        self._loops = {name: TileLoop(loop, self._n_tiles, places, is_parallel=is_parallel) for (name, places), loop in pairs}
+        self._few: tuple[Callable[[], int], NDArray[np.float32], NDArray[np.float64]] | None = None
+        self._load, self._store = access(world)
+        return world
+
+    def _give_up(self, error: Untraceable) -> None:
+        """Use loops in plain Python from now on, after a warning."""
+        warnings.warn(f"turtlebot_gym: environments run as plain Python, since {error}.", RuntimeWarning, stacklevel=6)
+        self._is_compiled = False
+        self.set_parameters(self.parameters)
 
     def set_world(self, parameters: Parameters, plan: FloorPlan | None) -> None:
-        """Use another world; the environments must be reset before the next step.
-
-        Args:
-            parameters: For all environments, with the rules of the world.
-            plan: Its floor plan, if it has one.
-        """
-        self._plan, self.scenes = plan, None
+        """Use another world, with the rules in parameters; the environments must be reset before the next step."""
+        self._plan, self.scenes = plan, ()
         self.set_parameters(parameters)
 
     def _make_room_for(self, parameters: Sequence[Parameters]) -> None:
@@ -132,7 +159,7 @@ class Batch:
         scenes = around.make(parameters)
         if self._plan:
             scenes = self._plan.share(scenes)
-        if self.scenes is None or [part.shape for part in arrays_of(scenes)] != [part.shape for part in arrays_of(self.scenes)]:
+        if [part.shape for part in arrays_of(scenes)] != [part.shape for part in arrays_of(self.scenes)]:
             self.scenes = scenes
             if self._plan:
                 for index in range(self.num_envs):
@@ -155,54 +182,38 @@ class Batch:
             poses: On open ground, ``start`` and ``goal`` of a batch of one, in place of those that its task draws.
         """
         self._begun = True
-        self._visit(np.ascontiguousarray(mask), True, observations, outcomes)
-        if poses:
-            self._begin_at(poses)
-            self._visit(mask, False, observations, outcomes)
+        numbers = self.seeds, self.episodes
+        self._run("reset", (np.ascontiguousarray(mask), True, *numbers), observations, outcomes)
+        if poses:  # in plain Python, which has the bits of the compiled loops
+            p, key = self.parameters_of(0), int(self._keys[0, 0])
+            start = poses.get("start") or start_pose(key, p.task)
+            self.waypoints[0, 0] = goal = poses.get("goal") or draw_goal(key, start, p.task)
+            self._store(self._tiles[0], 0, step_of(self.system).begin(start, key, (goal,), p, ()))
+            self._run("reset", (mask, False, *numbers), observations, outcomes)
         if self._history is not None:
             self._history.begin(observations, mask)
-
-    def _begin_at(self, poses: Mapping[str, Pose]) -> None:
-        """Begin the first episode anew, from given poses: in plain Python, which has the bits of the compiled loops."""
-        p, key = self.parameters_of(0), int(self._keys[0, 0])
-        start = poses.get("start") or start_pose(key, p.task)
-        self.waypoints[0, 0] = goal = poses.get("goal") or draw_goal(key, start, p.task)
-        self._access.store(self._first, 0, step_of(self.system).begin(start, key, (goal,), p, ()))
 
     def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return observations of the current state, and outcomes as after a reset, in the shapes of `step`."""
         observations, outcomes = self.empty()
-        self._visit(np.ones(self.num_envs, np.bool_), False, observations, outcomes)
+        self._run("reset", (np.ones(self.num_envs, np.bool_), False, self.seeds, self.episodes), observations, outcomes)
         if self._history is not None:
             self._history.show(observations)
         return observations, outcomes
 
-    def _visit(
-        self, mask: NDArray[np.bool_], begins: bool, observations: NDArray[np.float32], outcomes: NDArray[np.float64]
-    ) -> None:
-        """Write some observations without the past of a history, and begin the episodes first if asked."""
-        state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
-        words = address_of(mask), int(begins), address_of(observations), address_of(outcomes)
+    def _run(self, name: str, first: tuple[Any, ...], *results: NDArray[Any]) -> int:
+        """Run a loop, with arguments before those that both loops have; return how many flags are set."""
+        state = self._tiles, self._keys, self._parameters, self.waypoints
         try:
-            self._runner.run("reset", words, mask, begins, self.seeds, self.episodes, *state)
-        except Untraceable as error:
+            return self._loops[name](*first, *state, *results, self.scenes)
+        except Untraceable as error:  # at the first call, before anything has run
             self._give_up(error)
-            self._visit(mask, begins, observations, outcomes)
-
-    def _give_up(self, error: Untraceable) -> None:
-        """Go on in plain Python, for which all numbers of parameters and worlds are laid out."""
-        self._runner.give_up(error)
-        self.set_parameters(self.parameters)
+            return self._run(name, first, *results)
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`, that nobody else holds."""
-        return self._new()[1]
-
-    def _new(self) -> tuple[tuple[NDArray, NDArray], tuple[NDArray[np.float32], NDArray[np.float64]]]:
-        """Return buffers of whole tiles, which loops write, and the parts of them that are observations and outcomes."""
         (width, rows), count, whole = self._shapes, self.num_envs, self._n_tiles * TILE
-        shown, told = np.empty((whole, width), np.float32), np.empty((rows, whole + TILE))
-        return (shown, told), (shown[:count], told[:, :count])
+        return np.empty((whole, width), np.float32)[:count], np.empty((rows, whole + TILE))[:, :count]
 
     def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Advance all environments by one step.
@@ -214,64 +225,48 @@ class Batch:
             Observations, shape (N, K), and outcomes, shape (m, N), with a row for each field of `Judgement` after one for the
             reward, and for each term's share if asked for. Both are new arrays.
         """
-        copies = self._copies or not actions.flags.carray
-        if copies and actions is not self.given:
+        if actions is not self.given:
             self.given[:] = actions
-        if (runner := self._runner).few is not None:
-            count, observations, outcomes = runner.few
-            self._flagged = count()
+        if self._few is not None:
+            count, observations, outcomes = self._few
+            self.flagged = count()
             return observations.copy(), outcomes.copy()
-        given, state = self._asked if copies else actions.reshape(-1), (self._tiles, self._keys, self._parameters)
-        buffers, (observations, outcomes) = self._new()
-        words = address_of(given), address_of(buffers[0]), address_of(buffers[1])
-        try:
-            self._flagged = runner.run("step", words, given, *state, self.waypoints, observations, outcomes, self.scenes)
-        except Untraceable as error:
-            self._give_up(error)
-            return self.step(actions)
+        observations, outcomes = self.empty()
+        self.flagged = self._run("step", (self._asked,), observations, outcomes)
         if self._history is not None:
             self._history.advance(observations)
-        elif self.num_envs <= FEW:
-            runner.keep(self._asked, *state, self.waypoints, *self.empty(), self.scenes)
+        elif self.num_envs <= FEW and (again := self._loops["step"].again()):
+            self._few = again, observations, outcomes
+            return observations.copy(), outcomes.copy()
         return observations, outcomes
-
-    def is_flagged(self) -> bool:
-        """Return whether the last step has set a flag of any environment: success, termination or truncation."""
-        return self._flagged > 0
 
     def numbers(self, path: str) -> NDArray[np.float64]:
         """Return a copy of one part of all worlds by dotted path, such as "body.true_state": (N, k), or (N,) for a number."""
-        world = self._world
-        assert world is not None
-        single = path in world.names
-        places = world.places[world.names.index(path)] if single else world.places[world.slices[path]]
-        part = self._tiles.reshape(len(self._tiles), -1, TILE)[:, np.atleast_1d(places)]
-        rows = part.transpose(0, 2, 1).reshape(-1, part.shape[1])[: self.num_envs]
-        return rows[:, 0].copy() if single else rows.copy()
+        assert self._world is not None
+        names, slices, places = self._world.names, self._world.slices, self._world.places
+        if path in names:
+            return self._numbers_at([places[names.index(path)]])[0].copy()
+        return self._numbers_at(places[slices[path]]).T.copy()
 
-    def select(self, *parts: ArrayLike) -> None:
-        """Choose numbers of a world for `selected` and `first_selected`: arrays of any shape of their indices in the layout."""
-        self._selected = [np.asarray(part, np.intp) for part in parts]
-        at = np.array(self.layout.world.places if self._world is None else self._world.places, np.intp)
-        places = [at[part] for part in self._selected]
-        self._selected_places = np.concatenate([at[:0], *map(np.ravel, places)])
-        self._first_places = tuple(part * TILE for part in places)
-
-    def selected(self) -> NDArray[np.float64]:
-        """Return a copy of the k chosen numbers of all worlds, shape (k, N).
+    def _numbers_at(self, places: Any) -> NDArray[np.float64]:
+        """Return the numbers of all worlds at k places, shape (k, N).
 
         Each tile's run is copied as a whole; rows of k numbers would take five times as long.
         """
-        tiles = self._tiles.reshape(len(self._tiles), -1, TILE)
-        return tiles.transpose(1, 0, 2)[self._selected_places].reshape(len(self._selected_places), -1)[:, : self.num_envs]
+        tiles = self._tiles.reshape(len(self._tiles), -1, TILE).transpose(1, 0, 2)
+        return tiles[np.asarray(places, np.intp)].reshape(len(places), -1)[:, : self.num_envs]
 
-    def first_selected(self) -> tuple[NDArray[np.float64], tuple[NDArray[np.intp], ...]]:
-        """Return the numbers of the first environment, and where each chosen part stands in them.
+    def select(self, *parts: ArrayLike) -> None:
+        """Choose numbers of a world for `selected` and `first`: arrays of any shape of their indices in the layout."""
+        assert self._world is not None
+        self._selected, at = [np.asarray(part, np.intp) for part in parts], np.array(self._world.places)
+        self._places = np.concatenate([at[:0], *(at[part].ravel() for part in self._selected)])
+        self.first = self._tiles[0], tuple(at[part] * TILE for part in self._selected)
 
-        ``numbers[part]`` is a copy of a part, in its shape; all parts take a fifth of the time of `selected`.
-        """
-        return self._first, self._first_places
+    def selected(self) -> NDArray[np.float64]:
+        """Return a copy of the k chosen numbers of all worlds, shape (k, N)."""
+        return self._numbers_at(self._places)
 
     def world(self, index: int) -> Snapshot:
         """Return one environment's world in Python numbers."""
-        return self._access.load(self._tiles[index // TILE], index % TILE)
+        return self._load(self._tiles[index // TILE], index % TILE)

@@ -20,6 +20,7 @@ from turtlebot_gym.compiled.values import (
     Untraceable,
     constant,
     is_constant,
+    is_natural,
     kind_of,
     signed,
     wider,
@@ -61,10 +62,10 @@ class Module:
 
     def __init__(self) -> None:
         self.functions: list[str] = []
+        self.made: dict[Any, tuple[str, Any]] = {}
+        """The names of translated kernels, and the forms of their results, by kernel and forms of arguments."""
         self.declared: set[str] = set()
         self.types: dict[tuple[str, ...], str] = {}
-        self.wide = False
-        """Whether loops ask for the widest vectors."""
         self.notes: list[str] = []
         """Metadata: of loops whose rounds share nothing."""
         self._count = itertools.count()
@@ -77,24 +78,22 @@ class Module:
         return self.types.setdefault(tuple(kinds), f"%t{len(self.types)}") if kinds else "void"
 
     def text(self) -> str:
-        wide = ' "prefer-vector-width"="512"' if self.wide else ""
         notes = [f"!{at} = {text}" for at, text in enumerate(self.notes)]
         types = [f"{name} = type {{ {', '.join(kinds)} }}" for kinds, name in self.types.items()]
-        return "\n".join([*types, *self.functions, *sorted(self.declared), f"attributes #0 = {{ nounwind{wide} }}", *notes, ""])
-
-    def note(self, text: str) -> int:
-        """Return the number of new metadata."""
-        self.notes.append(text)
-        return len(self.notes) - 1
+        attributes = 'attributes #0 = { nounwind "prefer-vector-width"="512" }'
+        return "\n".join([*types, *self.functions, *sorted(self.declared), attributes, *notes, ""])
 
     def independent(self) -> tuple[str, str]:
         """Return what marks memory that the rounds of a loop do not share, and what marks its jump back."""
-        group, loop = self.note("distinct !{}"), len(self.notes) + 3
-        parts = [f'!{{!"llvm.loop.parallel_accesses", !{group}}}', '!{!"llvm.loop.vectorize.enable", i1 true}']
-        parts.append('!{!"llvm.loop.vectorize.width", i32 8}')
-        inner = ", ".join(f"!{self.note(part)}" for part in parts)
-        self.note(f"distinct !{{!{loop}, {inner}}}")
-        return f", !llvm.access.group !{group}", f", !llvm.loop !{loop}"
+        at = len(self.notes)
+        self.notes += [
+            "distinct !{}",
+            f'!{{!"llvm.loop.parallel_accesses", !{at}}}',
+            '!{!"llvm.loop.vectorize.enable", i1 true}',
+            '!{!"llvm.loop.vectorize.width", i32 8}',
+            f"distinct !{{!{at + 4}, !{at + 1}, !{at + 2}, !{at + 3}}}",
+        ]
+        return f", !llvm.access.group !{at}", f", !llvm.loop !{at + 4}"
 
 
 class Code:
@@ -110,7 +109,7 @@ class Code:
         self.lines: list[str] = []
         self.entry: list[str] = []
         """Instructions at the beginning: room for variables."""
-        self.block, self.alive = "entry", True
+        self.alive = True
         self.group = ""
         """Mark of memory in a loop whose rounds share nothing."""
 
@@ -136,7 +135,7 @@ class Code:
 
     def label(self, name: str) -> None:
         self.lines.append(f"{name}:")
-        self.block, self.alive = name, True
+        self.alive = True
 
     def jump(self, label: str) -> None:
         self.do(f"br label %{label}")
@@ -145,8 +144,6 @@ class Code:
     def fork(self, condition: Any, then: str, other: str) -> None:
         self.do(f"br i1 {self.as_kind(condition, 'b')}, label %{then}, label %{other}")
         self.alive = False
-
-    # Numbers
 
     def as_kind(self, value: Any, kind: str) -> str:
         """Return LLVM's name of a number converted to a kind."""
@@ -157,7 +154,7 @@ class Code:
 
     def converted(self, value: Any, kind: str) -> Number:
         """Return a number converted to a kind."""
-        return value if type(value) is Number and value.kind == kind else Number(kind, self.as_kind(value, kind))
+        return value if isinstance(value, Number) and value.kind == kind else Number(kind, self.as_kind(value, kind))
 
     def binary(self, op: str, a: Any, b: Any) -> Any:
         """Return the result of an operator of Python."""
@@ -175,7 +172,7 @@ class Code:
         kind = "f" if kind == "f" or op == "/" else "i"
         x, y = self.as_kind(a, kind), self.as_kind(b, kind)
         if kind == "i" and of_integers:
-            return self.number("i", f"{of_integers} i64 {x}, {y}")
+            return Number("i", self.put(f"{of_integers} i64 {x}, {y}"), op in "+*" and is_natural(a) and is_natural(b))
         if kind == "i":
             return self.divided(op, x, y)
         if op == "%":
@@ -224,12 +221,12 @@ class Code:
         self.module.declared.add(f"declare double @{full}({', '.join(['double'] * len(values))})")
         return self.number("f", f"call double @{full}({', '.join(given)})")
 
-    # Memory
-
     def index(self, value: Any, length: Any) -> Any:
         """Return an index, counted from the end if it is negative."""
+        if is_natural(value):
+            return value
         if is_constant(value):
-            return int(value) if value >= 0 else self.binary("+", length, int(value))
+            return self.binary("+", length, int(value))
         return self.select(self.compare("<", value, 0, "i"), self.binary("+", value, length), value)
 
     def moved(self, address: Number, index: Any, stride: Any) -> Number:
@@ -245,7 +242,7 @@ class Code:
 
     def item(self, array: Array, index: Any) -> Array:
         """Return what is left of an array for an index or a slice, or for one along each of the first axes."""
-        indices = index if isinstance(index, tuple) and not isinstance(index, Number) else (index,)
+        indices = index if isinstance(index, tuple) else (index,)
         address, shape, strides = array.address, list[Any](), list[Any]()
         for axis, index in enumerate(indices):
             length, stride = array.shape[axis], array.strides[axis]
@@ -264,11 +261,12 @@ class Code:
 
     def bound(self, value: Any, default: Any, length: Any) -> Any:
         """Return the bound of a slice within an array."""
-        if value is None or (is_constant(value) and value == 0):
-            return default if value is None else 0
+        if value is None:
+            return default
         value = self.index(value, length)
-        value = self.select(self.compare("<", value, 0, "i"), 0, value) if not is_constant(value) else value
-        return self.select(self.compare(">", value, length, "i"), length, value)
+        if not is_natural(value):
+            value = self.select(self.compare("<", value, 0, "i"), 0, value)
+        return value if is_constant(value) and value == 0 else self.select(self.compare(">", value, length, "i"), length, value)
 
     def load(self, array: Array) -> Number:
         """Return the number of an array without axes."""

@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 import ast
+import inspect
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from types import FunctionType, MethodType
 from typing import Any, NamedTuple
 
-from turtlebot_gym.compiled.values import (
-    Array,
-    Number,
-    Untraceable,
-    as_runtime,
-    is_number,
-    leaves,
-    rebuilt,
-)
+from turtlebot_gym.compiled.values import Array, Number, Untraceable, form_of, is_number, leaves, rebuilt
 
 OPERATORS = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.FloorDiv: "//", ast.Mod: "%", ast.Pow: "**",
@@ -101,9 +94,10 @@ def of_Subscript(body: Any, node: ast.Subscript) -> Any:
         return value[index]
     chosen = body.held(value[-1])  # a tuple of equal forms
     for at, item in enumerate(value[:-1]):
-        is_this, names = body.code.compare("==", index, at, "i"), iter(body.as_form(item, as_runtime(chosen)))
-        items = (body.code.select(is_this, Number(leaf.kind, next(names)), leaf) for leaf in leaves(chosen))
-        chosen = rebuilt(chosen, lambda leaf, items=items: next(items))
+        is_this, names = body.code.compare("==", index, at, "i"), body.as_form(item, form_of(chosen))
+        pairs = zip(leaves(chosen), names, strict=True)
+        items = iter([body.code.select(is_this, Number(leaf.kind, name), leaf) for leaf, name in pairs])
+        chosen = rebuilt(chosen, lambda _, items=items: next(items))
     return chosen
 
 
@@ -113,13 +107,13 @@ def of_BinOp(body: Any, node: ast.BinOp) -> Any:
         return body.code.binary(op, a, b)
     if op == "+" and isinstance(a, tuple) and isinstance(b, tuple):
         return (*a, *b)
-    return body.refuse(node)
+    raise Untraceable(f"the operator {op} of {type(a).__name__} and {type(b).__name__}")
 
 
 def of_UnaryOp(body: Any, node: ast.UnaryOp) -> Any:
     if isinstance(node.op, ast.Not):
         return body.code.inverted(body.truth(node.operand))
-    return body.code.negative(body.of(node.operand)) if isinstance(node.op, ast.USub) else body.refuse(node)
+    return body.code.negative(body.of(node.operand)) if isinstance(node.op, ast.USub) else body.refuse(body, node.op)
 
 
 def of_Compare(body: Any, node: ast.Compare) -> Any:
@@ -172,33 +166,27 @@ def of_Call(body: Any, node: ast.Call) -> Any:
     function, arguments = body.of(node.func), each(body, node.args)
     named = {word.arg: body.of(word.value) for word in node.keywords if word.arg is not None}
     if len(named) < len(node.keywords):
-        return body.refuse(node)
+        raise Untraceable("arguments with **")
     if isinstance(function, MethodType) and isinstance(function.__self__, Array):
         return function.__func__(body, function.__self__, *arguments)
     if isinstance(function, MethodType) and function.__name__ == "_replace":  # of a named tuple
         return function(**named)
-    try:
-        emit = IN_PLACE.get(function) or vars(function).get("emit")
-    except TypeError:
-        emit = None
-    if emit is not None:
+    if emit := IN_PLACE.get(function) if function.__hash__ else None:
         return emit(body, *arguments, **named)
     if isinstance(function, FunctionType):
-        return body.translator.call(body.code, function, given(body, function, arguments, named))
+        return body.call(function, given(body, function, arguments, named))
     if isinstance(function, type) and issubclass(function, tuple):
         return function(*arguments, **named)
     if not leaves((*arguments, *named.values())):
         return function(*arguments, **named)
-    return body.refuse(node, Untraceable(f"the function {function!r}"))
+    raise Untraceable(f"the function {getattr(function, '__name__', function)!r}")
+
+
+_signature_of = cache(inspect.signature)
 
 
 def given(body: Any, function: FunctionType, arguments: list[Any], named: dict[str, Any]) -> list[Any]:
     """Return the arguments of a kernel in order, numbers in place of constants."""
-    code = function.__code__
-    names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-    defaults = dict(zip(names[: code.co_argcount][::-1], (function.__defaults__ or ())[::-1], strict=False))
-    defaults |= function.__kwdefaults__ or {}
-    values = list(arguments)
-    for name in names[len(arguments) :]:
-        values.append(named[name] if name in named else defaults[name])
-    return [body.held(value) for value in values]
+    bound = _signature_of(function).bind(*arguments, **named)
+    bound.apply_defaults()
+    return [body.held(value) for value in bound.arguments.values()]

@@ -12,7 +12,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,17 +23,12 @@ from turtlebot_gym.compiled.program import Call, Program
 from turtlebot_gym.compiled.proof import Case, reduced
 from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.heart import step_of
-from turtlebot_gym.kernel import kernel, thread, threads
-from turtlebot_gym.models.random import episode_key
+from turtlebot_gym.kernel import thread, threads
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.observations.columns import size_of
 from turtlebot_gym.systems import Parameters, System
 from turtlebot_gym.values import Pose
 
-NUMBERS = ("reward", "distance")
-"""Rows of the numbers of a step."""
-FLAGS = ("is_success", "terminated", "truncated", "ended")
-"""Rows of the truths of a step; the last is that the episode was terminated or truncated."""
 THREADS = 64
 """Threads of a block on a GPU: a step takes so many registers that larger blocks leave a multiprocessor half empty."""
 
@@ -41,70 +36,25 @@ THREADS = 64
 @cache
 def loops_of(system: System, case: Case) -> tuple[Callable[..., None], Callable[..., None]]:
     """Return the functions that step and that reset environments; all parameters are part of the case."""
-    (begin, start_outcome, act, conclude, retarget), count = step_of(system), case.waypoints
-    load_parameters, load_world, store_world, show, *_ = parts_of(system, case)
-    lay_out = system.lay_out
+    act = step_of(system).act
+    (load_parameters, _), (load_world, _), _, finish, reset = parts_of(system, case)
 
-    @kernel
-    def write(row, world, outcome, p, observations, numbers, flags):
-        show(observations[row], world, p)
-        numbers[0, row], numbers[1, row] = outcome.reward, outcome.distance
-        flags[0, row], flags[1, row], flags[2, row] = outcome.is_success, outcome.terminated, outcome.truncated
-        flags[3, row] = outcome.terminated or outcome.truncated
-
-    @kernel
-    def start(row, keys, seeds, episodes, waypoints, p):
-        key = episode_key(int(seeds[row]), int(episodes[row]))
-        keys[row] = key
-        pose, goal = lay_out(key, p, ())
-        if p.task.random:
-            waypoints[row, 0, 0], waypoints[row, 0, 1], waypoints[row, 0, 2] = goal.x, goal.y, goal.theta
-        return begin(pose, key, waypoints[row], p, ())
-
-    def step_rows(actions, mask, at_once, wrong, tiles, keys, seeds, episodes, waypoints, observations, numbers, flags):
-        last = len(numbers) - 1
-        for row in range(thread(), len(keys), threads()):
-            tile, lane, key, p = tiles[row // TILE], row % TILE, int(keys[row]), load_parameters(tiles[0], 0)
-            forward, turn = float(actions[row, 0]), float(actions[row, 1])
+    def step_rows(actions, wrong, tiles, keys, waypoints, observations, outcomes):
+        for row in range(thread(), len(observations), threads()):
+            tile, lane, p = tiles[row // TILE], row % TILE, load_parameters(tiles[0], 0)
+            key, world, forward, turn = int(keys[row // TILE, lane]), load_world(tile, lane), actions[row, 0], actions[row, 1]
             if not (math.isfinite(forward) and math.isfinite(turn)):
                 wrong[0] = row + 1
-            world = load_world(tile, lane)
-            world, outcome = conclude(world, act(world, command_of(forward, turn, p.robot), key, p), key, count, p, ())
-            if outcome.reached:
-                world, outcome = retarget(world, outcome, key, waypoints[row], p, ())
-            write(row, world, outcome, p, observations[last], numbers[last], flags[last])
-            begins = outcome.terminated or outcome.truncated if at_once else mask[row]
-            if begins:
-                episodes[row] += 1
-                world = start(row, keys, seeds, episodes, waypoints, p)
-                outcome = start_outcome(world)
-            store_world(tile, lane, world)
-            if begins or at_once:
-                write(row, world, outcome, p, observations[0], numbers[0], flags[0])
-            if at_once and not begins:  # nothing has ended
-                numbers[last, 1, row], flags[last, 0, row] = 0.0, False
+            moved = act(world, command_of(forward, turn, p.robot), key, p)
+            finish(row, tile, lane, key, world, moved, p, waypoints, observations, outcomes, ())
 
-    def reset_rows(mask, begins, tiles, keys, seeds, episodes, waypoints, observations, numbers, flags):
-        for row in range(thread(), len(keys), threads()):
+    def reset_rows(mask, begins, seeds, episodes, tiles, keys, waypoints, observations, outcomes):
+        for row in range(thread(), len(observations), threads()):
             if mask[row]:
-                tile, lane, p = tiles[row // TILE], row % TILE, load_parameters(tiles[0], 0)
-                if begins:
-                    store_world(tile, lane, start(row, keys, seeds, episodes, waypoints, p))
-                world = load_world(tile, lane)
-                write(row, world, start_outcome(world), p, observations[0], numbers[0], flags[0])
+                at, lane = row // TILE, row % TILE
+                reset(row, begins, seeds, episodes, tiles[at], lane, keys[at], tiles[0], waypoints, observations, outcomes, ())
 
     return step_rows, reset_rows
-
-
-class Results(NamedTuple):
-    """Tensors of one or two copies of all environments; the second is that of the end of an episode."""
-
-    observations: Any
-    """Shape (c, N, K), float32."""
-    numbers: Any
-    """Shape (c, 2, N), float64, with a row for each of `NUMBERS`."""
-    flags: Any
-    """Shape (c, 4, N), boolean, with a row for each of `FLAGS`."""
 
 
 class DeviceBatch:
@@ -128,67 +78,59 @@ class DeviceBatch:
     ) -> None:
         import torch
 
-        numbers = zip(layout_of(system).parameters.names, flatten(as_tuple(parameters)), strict=True)
-        case = Case(tuple(numbers), len(waypoints))
-        world, _ = reduced(system, case)
-        self.num_envs, self.device, self._width = num_envs, torch.device(device), size_of(system.terms)
-        whole, tiles = {"dtype": torch.int64, "device": device}, -(-num_envs // TILE)
-        self.seeds, self.episodes = torch.zeros(num_envs, **whole), torch.zeros(num_envs, **whole)
-        self._nowhere = torch.zeros(num_envs, dtype=torch.bool, device=device)
-        self._wrong = torch.zeros(1, dtype=torch.int32, device=device)
-        state = torch.zeros((tiles, world.size * TILE), dtype=torch.float64, device=device)
-        poses = torch.tensor(waypoints, dtype=torch.float64, device=device).repeat(num_envs, 1, 1)
-        self._held = state, torch.zeros(num_envs, **whole), self.seeds, self.episodes, poses
-        build = on_processor if self.device.type == "cpu" else Launcher(num_envs, self.device)
-        step, reset = (Program(loop, f"{case}", build=build) for loop in loops_of(system, case))
-        memory, actions = [*map(view_of, self._held)], torch.zeros((num_envs, 2), device=device)
-        mask, wrong = view_of(self._nowhere), view_of(self._wrong)
-        self._steps = [
-            Call(step, (view_of(actions), mask, at_once, wrong, *memory, *map(view_of, self.empty(1 + at_once))))
-            for at_once in (False, True)
-        ]
-        self._reset = Call(reset, (mask, True, *memory, *map(view_of, self.empty())))
+        case = Case(tuple(flatten(as_tuple(parameters))), len(waypoints))
+        self.num_envs, self.device, tiles = num_envs, torch.device(device), -(-num_envs // TILE)
+        self._shapes = size_of(system.terms), layout_of(system).outcome.size - len(system.rewards)
 
-    def step(self, actions: Any, mask: Any = None) -> Results:
-        """Advance all environments by one step, and begin the next episode of some.
+        def zeros(*shape: int, dtype: Any = torch.int64) -> Any:
+            return torch.zeros(shape, dtype=dtype, device=device)
+
+        self.seeds, self.episodes, self._wrong = zeros(num_envs), zeros(num_envs), zeros(1)
+        poses = torch.tensor(waypoints, dtype=torch.float64, device=device).repeat(num_envs, 1, 1)
+        state = zeros(tiles, reduced(system, case).size * TILE, dtype=torch.float64), zeros(tiles, TILE), poses
+        self._held = state, self.empty(), zeros(num_envs, 2, dtype=torch.float32), zeros(num_envs, dtype=torch.bool)
+        (memory, results), (actions, mask) = ([*map(view_of, part)] for part in self._held[:2]), map(view_of, self._held[2:])
+        build = on_processor if self.device.type == "cpu" else launcher(num_envs, self.device)
+        step, reset = (Program(loop, f"{case}", build=build) for loop in loops_of(system, case))
+        self._step = Call(step, (actions, view_of(self._wrong), *memory, *results))
+        self._reset = Call(reset, (mask, True, view_of(self.seeds), view_of(self.episodes), *memory, *results))
+
+    def step(self, actions: Any) -> tuple[Any, Any]:
+        """Advance all environments by one step.
 
         Args:
             actions: Shape (N, 2), float32, contiguous, on the device; clipped to [-1, 1].
-            mask: Where an episode begins, shape (N,), boolean; None for where one has ended.
 
         Returns:
-            New tensors, without a mask two copies; last distances and successes are zero where no episode has ended.
+            New tensors: observations, shape (N, K), float32, and outcomes, shape (m, N), float64; see `batch.Batch.step`.
         """
-        at_once = mask is None
-        call, results = self._steps[at_once], self.empty(1 + at_once)
-        for at, tensor in zip((0, 1, 9, 10, 11), (actions, self._nowhere if at_once else mask, *results), strict=True):
-            call.put(at, tensor.data_ptr())
-        call()
+        results = self.empty()
+        for at, tensor in zip((0, 5, 6), (actions, *results), strict=True):
+            self._step.put(at, tensor.data_ptr())
+        self._step()
         return results
 
-    def reset(self, mask: Any, results: Results, *, begins: bool = True) -> None:
+    def reset(self, mask: Any, observations: Any, outcomes: Any, *, begins: bool = True) -> None:
         """Start the episodes of ``seeds`` and ``episodes`` where a mask is true, and write their first observations.
 
         Args:
             mask: Shape (N,), boolean, on the device.
-            results: One copy, to write to; what is outside the mask is left as it is.
+            observations: Shape (N, K); rows outside the mask are left as they are.
+            outcomes: Shape (m, N); columns outside the mask are left as they are.
             begins: Whether episodes start; otherwise those that go on are written again.
         """
         self._reset.put(1, begins)
-        for at, tensor in zip((0, 7, 8, 9), (mask, *results), strict=True):
+        for at, tensor in zip((0, 7, 8), (mask, observations, outcomes), strict=True):
             self._reset.put(at, tensor.data_ptr())
         self._reset()
 
-    def empty(self, copies: int = 1) -> Results:
-        """Return uninitialized results."""
+    def empty(self) -> tuple[Any, Any]:
+        """Return uninitialized observations and outcomes."""
         import torch
 
-        count, device = self.num_envs, self.device
-        return Results(
-            torch.empty((copies, count, self._width), dtype=torch.float32, device=device),
-            torch.empty((copies, len(NUMBERS), count), dtype=torch.float64, device=device),
-            torch.empty((copies, len(FLAGS), count), dtype=torch.bool, device=device),
-        )
+        (width, rows), count, device = self._shapes, self.num_envs, self.device
+        observations = torch.empty((count, width), dtype=torch.float32, device=device)
+        return observations, torch.empty((rows, count), dtype=torch.float64, device=device)
 
     def take_wrong(self) -> int | None:
         """Return an environment whose action was not finite since the last call, or None; wait for the device."""
@@ -247,35 +189,28 @@ def ptx_of(text: str) -> bytes:
     return native.ptx_of(text + _ON_GPU).encode()
 
 
-class Launcher:
-    """Runs kernels on a CUDA device, in torch's order of work, by NVIDIA's driver.
+def launcher(rows: int, device: Any) -> Callable[[str], Callable[[int], None]]:
+    """Return the maker of kernels on a CUDA device, with a thread for each row, which run in torch's order of work."""
+    import torch
 
-    Args:
-        rows: Environments, each with a thread.
-        device: torch's device.
-    """
-
-    def __init__(self, rows: int, device: Any) -> None:
-        self._blocks, self._device = -(-rows // THREADS), device
-
-    def __call__(self, text: str) -> Callable[[int], None]:
-        """Return what calls a kernel with the numbers at an address, which become its only parameter."""
-        import torch
-
+    def build(text: str) -> Callable[[int], None]:
+        """Return a function that calls a kernel with the numbers at an address, which become its only parameter."""
         driver = ctypes.CDLL("nvcuda.dll" if os.name == "nt" else "libcuda.so.1")
         module, function = ctypes.c_void_p(), ctypes.c_void_p()
-        with torch.cuda.device(self._device):
+        with torch.cuda.device(device):
             torch.cuda.current_stream().synchronize()  # makes torch's context the current one
             _check(driver.cuModuleLoadData(ctypes.byref(module), ptx_of(text) + b"\0"), "load the kernels")
             _check(driver.cuModuleGetFunction(ctypes.byref(function), module, b"entry"), "find a kernel")
 
         def launch(address: int) -> None:
-            with torch.cuda.device(self._device):
+            with torch.cuda.device(device):
                 stream = ctypes.c_void_p(torch.cuda.current_stream().cuda_stream)
-                shape, given = (self._blocks, 1, 1, THREADS, 1, 1, 0), (ctypes.c_void_p * 1)(address)
+                shape, given = (-(-rows // THREADS), 1, 1, THREADS, 1, 1, 0), (ctypes.c_void_p * 1)(address)
                 _check(driver.cuLaunchKernel(function, *shape, stream, given, None), "launch a kernel")
 
         return launch
+
+    return build
 
 
 def _check(code: int, what: str) -> None:

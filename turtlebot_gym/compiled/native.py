@@ -10,36 +10,20 @@ from typing import Any
 
 @cache
 def _machine() -> Any:
-    """Return LLVM's description of this processor.
-
-    Raises:
-        ImportError: If llvmlite is missing.
-    """
+    """Return LLVM's description of this processor."""
     from llvmlite import binding as llvm
 
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    target, features = llvm.Target.from_default_triple(), _features().flatten()
+    target, features = llvm.Target.from_default_triple(), llvm.get_host_cpu_features().flatten()
     return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=2, jit=True)
-
-
-@cache
-def _features() -> Any:
-    from llvmlite import binding as llvm
-
-    return llvm.get_host_cpu_features()
 
 
 def processor() -> str:
     """Return what tells this processor from others."""
     from llvmlite import binding as llvm
 
-    return f"{_machine().triple} {llvm.get_host_cpu_name()} {_features().flatten()}"
-
-
-def has(feature: str) -> bool:
-    """Return whether this processor has a feature, such as "avx512dq"."""
-    return _features().get(feature, False)
+    return f"{_machine().triple} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
 
 
 def simplified(text: str) -> str:

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections import namedtuple
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.values import Array, Number, tuple_like
+from turtlebot_gym.compiled.values import filled, numbers_of, tuple_like
 from turtlebot_gym.heart import step, step_of
+from turtlebot_gym.kernel import kernel
 from turtlebot_gym.observations.columns import observing
 from turtlebot_gym.rewards import default_weights
 from turtlebot_gym.systems import System
@@ -27,57 +27,37 @@ TILE = 8
 """Environments per tile: numbers in a cache line, and in the widest vector register."""
 
 
-def aligned(count: int) -> NDArray[np.float64]:
-    """Return so many zeros, at the start of a cache line.
+def aligned(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a copy of an array that begins at the start of a cache line.
 
     numpy starts large arrays 16 bytes after one; each load and store of a widest vector would then touch two lines.
     """
-    room = np.zeros(count + TILE)
-    start = -room.ctypes.data // room.itemsize % TILE
-    return room[start : start + count]
+    room = np.empty(numbers.size + TILE)
+    copy = room[-room.ctypes.data // room.itemsize % TILE :][: numbers.size].reshape(numbers.shape)
+    copy[:] = numbers
+    return copy
 
 
 @cache
-def _numbers_of(dataclass_type: type) -> tuple[str, ...]:
-    """Return the names of fields that hold numbers; no kernel may read the others."""
-    return tuple(item.name for item in dataclasses.fields(dataclass_type) if item.metadata.get("number", True))
-
-
-@cache
-def _tuple_type(dataclass_type: type) -> type:
-    """Return a NamedTuple with a dataclass's fields, since compiled code does not support dataclasses."""
-    name = f"{dataclass_type.__module__}.{dataclass_type.__qualname__}".replace(".", "_")
-    return namedtuple(name, _numbers_of(dataclass_type))  # noqa: PYI024
+def _tuple_type(dataclass_type: type) -> Any:
+    """Return a NamedTuple with the fields of a dataclass that hold numbers: compiled code does not know dataclasses."""
+    names = [item.name for item in dataclasses.fields(dataclass_type) if item.metadata.get("number", True)]
+    return namedtuple(dataclass_type.__name__, names)  # noqa: PYI024
 
 
 def as_tuple(value: Any) -> Any:
     """Return a parameter dataclass, or a tuple of them, as NamedTuples with the same attributes."""
     if dataclasses.is_dataclass(value):
-        return _tuple_type(type(value))(*(as_tuple(getattr(value, name)) for name in _numbers_of(type(value))))
+        kind = _tuple_type(type(value))
+        return kind(*(as_tuple(getattr(value, name)) for name in kind._fields))
     if isinstance(value, tuple):
         return tuple_like(value, [as_tuple(item) for item in value])
     return value
 
 
-def numbers_of(value: Any) -> Iterator[Any]:
-    """Yield the numbers of a nested tuple in order."""
-    if isinstance(value, tuple) and not isinstance(value, Number):
-        for item in value:
-            yield from numbers_of(item)
-    else:
-        yield value
-
-
 def flatten(value: Any) -> Iterator[float]:
     """Yield the numbers of a nested tuple in order, as floats."""
     return map(float, numbers_of(value))
-
-
-def filled(like: Any, numbers: Iterator[Any]) -> Any:
-    """Return a nested tuple with others in place of its numbers, in order."""
-    if not isinstance(like, tuple):
-        return next(numbers)
-    return tuple_like(like, [filled(item, numbers) for item in like])
 
 
 def _name(value: Any, path: str, names: list[str], slices: dict[str, slice]) -> None:
@@ -102,6 +82,8 @@ class Packing(NamedTuple):
     """Range of numbers of each tuple in the value, by its dotted path."""
     places: tuple[int, ...]
     """Place of each number: numbers that are always equal share one."""
+    known: tuple[float | None, ...]
+    """The value of each number that never changes, which is neither loaded nor stored; None for others."""
 
     @property
     def size(self) -> int:
@@ -109,71 +91,45 @@ class Packing(NamedTuple):
         return max(self.places, default=-1) + 1
 
 
-def packing(example: Any, places: Sequence[int] | None = None) -> Packing:
+def packing(example: Any, places: Sequence[int] | None = None, known: Sequence[float | None] | None = None) -> Packing:
     """Return the layout of a value's type.
 
     Args:
         example: A (nested) NamedTuple of numbers with the structure and the types (float, bool) of all such values.
         places: The place of each number; None for one after another.
+        known: See `Packing`; None if all change.
     """
     names: list[str] = []
     slices: dict[str, slice] = {}
     _name(example, "", names, slices)
-    floats = (number if isinstance(number, bool) else float(number) for number in numbers_of(example))
-    return Packing(filled(example, floats), tuple(names), slices, tuple(range(len(names)) if places is None else places))
+    floats = [number if isinstance(number, bool) else float(number) for number in numbers_of(example)]
+    count, example = len(names), filled(example, floats)
+    return Packing(example, tuple(names), slices, tuple(places or range(count)), tuple(known or [None] * count))
 
 
-class Access(NamedTuple):
-    """Kernels that load a value from a buffer, and store it there."""
-
-    load: Callable[[Any, Any], Any]
-    """``load(buffer, at)`` returns the value whose first number is at ``buffer[at]``."""
-    store: Callable[[Any, Any, Any], None]
-    """``store(buffer, at, value)`` writes it."""
+Access = tuple[Callable[[Any, Any], Any], Callable[[Any, Any, Any], None]]
 
 
-def access(pack: Packing, constants: Mapping[int, float] = MappingProxyType({}), distance: int = TILE) -> Access:
-    """Return how values are loaded and stored; translated kernels have an instruction for each number.
+def access(pack: Packing, distance: int = TILE) -> Access:
+    """Return kernels that load and store values, with a distance from a place to the next one, in numbers.
 
-    Args:
-        pack: The layout.
-        constants: What always stands at some places: it is neither loaded nor stored.
-        distance: From a place to the next one, in numbers.
+    ``load(buffer, at)`` returns the value whose first number is at ``buffer[at]``; ``store(buffer, at, value)`` writes it.
     """
-    example, kinds = pack.example, tuple(map(type, numbers_of(pack.example)))
-    places = tuple(place * distance for place in pack.places)
-    known = {place * distance: value for place, value in constants.items()}
+    example, places = pack.example, [place * distance for place in pack.places]
+    columns = tuple(zip(places, map(type, numbers_of(example)), pack.known, strict=True))
+    written = tuple({place: at for at, (place, _, known) in enumerate(columns) if known is None}.items())
 
-    def changing(value: Any) -> dict[int, Any]:
-        return {place: number for place, number in zip(places, numbers_of(value), strict=True) if place not in known}
-
-    def part_of(code: Any, buffer: Array, at: Any, place: int) -> Array:
-        (stride,) = buffer.strides
-        return Array(buffer.element, code.moved(code.moved(buffer.address, at, stride), place, stride), (), ())
-
+    @kernel
     def load(buffer, at):
-        numbers = (known[place] if place in known else buffer[at + place] for place in places)
-        return filled(example, (kind(number) for kind, number in zip(kinds, numbers, strict=True)))
+        return filled(example, [kind(buffer[at + place]) if known is None else kind(known) for place, kind, known in columns])
 
+    @kernel
     def store(buffer, at, value):
-        for place, number in changing(value).items():
-            buffer[at + place] = number
+        numbers = numbers_of(value)
+        for place, number in written:
+            buffer[at + place] = numbers[number]
 
-    def emit_load(body, buffer, at):
-        def number(place: int, kind: type) -> Any:
-            if place in known:
-                return kind(known[place])
-            value = body.code.load(part_of(body.code, buffer, at, place))
-            return body.code.compare("!=", value, 0.0, "f") if kind is bool else value
-
-        return filled(example, map(number, places, kinds))
-
-    def emit_store(body, buffer, at, value):
-        for place, number in changing(value).items():
-            body.code.store(part_of(body.code, buffer, at, place), number)
-
-    vars(load)["emit"], vars(store)["emit"] = emit_load, emit_store
-    return Access(load, store)
+    return load, store
 
 
 class Layout(NamedTuple):

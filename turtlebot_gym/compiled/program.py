@@ -1,4 +1,4 @@
-"""Functions of arrays as machine code: translated at their first call, and kept in files.
+"""Functions of arrays as machine code: translated at their first call.
 
 A function's arguments are numbers, arrays, and nested tuples of them. The code takes the address of a block of 64-bit integers:
 the numbers, and of each array the address, the lengths and the distances of its items along the axes, in bytes.
@@ -9,22 +9,16 @@ from __future__ import annotations
 import ctypes
 import threading
 from collections.abc import Callable, Iterator
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from turtlebot_gym.compiled import native
-from turtlebot_gym.compiled.files import fingerprint, kept
-from turtlebot_gym.compiled.values import LLVM, as_runtime, kinds_of, leaves, rebuilt
+from turtlebot_gym.compiled.files import kept
+from turtlebot_gym.compiled.values import LLVM, form_of, key_of, leaves, rebuilt
 from turtlebot_gym.kernel import HAS_LLVM
 
 _one_at_a_time = threading.Lock()
-
-
-def _is_adjacent(value: np.ndarray) -> bool:
-    """Return whether the items of an array's rows are adjacent."""
-    return value.strides[-1:] == (value.itemsize,)
 
 
 def address_of(array: np.ndarray) -> int:
@@ -36,21 +30,12 @@ def address_of(array: np.ndarray) -> int:
         return array.ctypes.data
 
 
-def _signature(value: Any) -> Any:
-    """Return what tells the form of an argument from others, in little time."""
-    if isinstance(value, np.ndarray):
-        return value.dtype.char, value.ndim, _is_adjacent(value)
-    if isinstance(value, tuple):
-        return (type(value), *map(_signature, value))
-    return type(value)
-
-
 def _words(value: Any) -> Iterator[int | float]:
     """Yield an argument's numbers for the block."""
     if isinstance(value, np.ndarray):
         yield value.ctypes.data
         yield from value.shape
-        yield from value.strides[:-1] if _is_adjacent(value) else value.strides
+        yield from value.strides[:-1] if value.strides[-1:] == (value.itemsize,) else value.strides
     elif isinstance(value, tuple):
         for item in value:
             yield from _words(item)
@@ -59,30 +44,29 @@ def _words(value: Any) -> Iterator[int | float]:
 
 
 def text_of(function: Any, forms: tuple[Any, ...]) -> tuple[str, Any]:
-    """Return the text of a function for LLVM, and the form of its result."""
-    from turtlebot_gym.compiled.code import Code
-    from turtlebot_gym.compiled.translate import Translator
+    """Return the text of a function for LLVM, and the form of its result; numbers with the same name are the same."""
+    from turtlebot_gym.compiled.code import Code, Module
+    from turtlebot_gym.compiled.translate import call
 
-    translator = Translator()
-    code = Code(translator.module)
-    at = iter(range(10**6))
+    code = Code(Module())
+    at, named = iter(range(10**6)), dict[str, Any]()
 
     def word() -> str:
         return code.put(f"getelementptr i64, ptr %block, i64 {next(at)}")
 
     def argument(leaf: Any) -> Any:
-        if leaf.kind == "b":
-            return code.compare("!=", code.number("i", f"load i64, ptr {word()}, align 8"), 0, "i")
-        return code.number(leaf.kind, f"load {LLVM[leaf.kind]}, ptr {word()}, align 8")
+        kind = "i" if leaf.kind == "b" else leaf.kind
+        number = code.converted(code.number(kind, f"load {LLVM[kind]}, ptr {word()}, align 8"), leaf.kind)
+        return named.setdefault(leaf.name, number) if leaf.name else number
 
     arguments = [rebuilt(form, argument) for form in forms]
-    result = translator.call(code, function, arguments)
-    for leaf, kind in zip(leaves(result), kinds_of(result), strict=True):
-        kind, name = ("i64", code.as_kind(leaf, "i")) if kind == "i1" else (kind, leaf.name)
-        code.do(f"store {kind} {name}, ptr {word()}, align 8")
+    result = call(code, function, arguments)
+    for leaf in leaves(result):
+        kind = "i" if leaf.kind == "b" else leaf.kind
+        code.do(f"store {LLVM[kind]} {code.as_kind(leaf, kind)}, ptr {word()}, align 8")
     lines = "\n".join(["entry:", *code.entry, *code.lines, "  ret void"])
     code.module.functions.append(f"define void @entry(ptr noalias %block) #0 {{\n{lines}\n}}")
-    return code.module.text(), rebuilt(result, lambda leaf: leaf)
+    return code.module.text(), result
 
 
 class Program:
@@ -90,7 +74,7 @@ class Program:
 
     Args:
         function: Its globals and its closure hold kernels and numbers, which become a part of it.
-        name: What it does, for people and the name of its file.
+        name: A name for people, and for the file of its machine code.
         level: How much LLVM has to optimize it, from 1 to 3.
         build: ``build(text)`` returns the machine code of LLVM's text, in place of this processor's, which is kept in files.
     """
@@ -102,41 +86,26 @@ class Program:
         level: int = 3,
         build: Callable[[str], Callable[[int], None]] | None = None,
     ) -> None:
-        self._function, self._name, self._level, self._build = function, name, level, build
+        self._function, self._name, self._level = function, name, level
+        self._build = build or self._for_this_processor
         self._made: dict[Any, tuple[Callable[[int], None], Any]] = {}
 
     def __call__(self, *arguments: Any) -> Any:
         return Call(self, arguments)()
 
-    @cached_property
-    def identity(self) -> str:
-        """What tells everything that the machine code is made of, except for the types of the arguments."""
-        return f"{self._level} {fingerprint(self._function)}"
-
-    @property
-    def signatures(self) -> list[Any]:
-        """The forms of arguments for which there is machine code."""
-        return [*self._made]
+    def _for_this_processor(self, text: str) -> Callable[[int], None]:
+        made_of = f"{self._level} {text}"
+        return native.entry_of(kept(self._name, made_of, lambda: native.machine_code(text, self._level)))
 
     def code_for(self, arguments: tuple[Any, ...]) -> tuple[Callable[[int], None], Any]:
         """Return the machine code for arguments of some form, and the form of its result."""
-        signature = _signature(arguments)
-        if signature not in self._made:
-            forms = tuple(map(as_runtime, arguments))
-
-            def compile_now() -> tuple[bytes, Any]:
-                text, result = text_of(self._function, forms)
-                return native.machine_code(text, self._level), result
-
+        forms = tuple(map(form_of, arguments))
+        key = key_of(forms)
+        if key not in self._made:
             with _one_at_a_time:
-                if self._build:
-                    text, result = text_of(self._function, forms)
-                    entry = self._build(text)
-                else:
-                    code, result = kept(self._name, f"{self.identity} {forms}", compile_now)
-                    entry = native.entry_of(code)
-            self._made[signature] = entry, result
-        return self._made[signature]
+                text, result = text_of(self._function, forms)
+                self._made[key] = self._build(text), result
+        return self._made[key]
 
 
 class Call:
@@ -144,7 +113,7 @@ class Call:
 
     Attributes:
         code: The machine code, which takes `address`.
-        address: Where the arguments stand.
+        address: The address of the arguments.
     """
 
     def __init__(self, program: Program, arguments: tuple[Any, ...]) -> None:

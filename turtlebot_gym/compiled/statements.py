@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any
 
 from turtlebot_gym.compiled.expressions import OPERATORS, Span
-from turtlebot_gym.compiled.values import Array, Number, is_constant
-
-
-class Loop(NamedTuple):
-    """Where to go on."""
-
-    after: str
-    following: str
-
-
-def on_Pass(body: Any, node: ast.Pass) -> None:
-    pass
+from turtlebot_gym.compiled.values import Array, Number, Untraceable, is_constant, is_natural
 
 
 def on_Expr(body: Any, node: ast.Expr) -> None:
@@ -31,11 +20,6 @@ def on_Assign(body: Any, node: ast.Assign) -> None:
     value = body.of(node.value)
     for target in node.targets:
         assign(body, target, value)
-
-
-def on_AnnAssign(body: Any, node: ast.AnnAssign) -> None:
-    if node.value:
-        assign(body, node.target, body.of(node.value))
 
 
 def on_AugAssign(body: Any, node: ast.AugAssign) -> None:
@@ -52,51 +36,48 @@ def assign(body: Any, target: ast.expr, value: Any) -> None:
     if isinstance(target, ast.Name):
         body.bind(target.id, value)
     elif isinstance(target, (ast.Tuple, ast.List)):
-        unpack(body, target.elts, value)
+        if isinstance(value, Array):
+            value = [body.whole(body.code.item(value, at)) for at in range(len(target.elts))]
+        for part, item in zip(target.elts, value, strict=True):
+            assign(body, part, item)
     elif isinstance(target, ast.Subscript):
         put(body, part_of(body, target), value)
     else:
-        body.refuse(target)
+        raise Untraceable(f"an assignment to {ast.unparse(target)!r}")
 
 
 def part_of(body: Any, node: ast.Subscript) -> Array:
     return body.code.item(body.of(node.value), body.of(node.slice))
 
 
-def unpack(body: Any, targets: Sequence[ast.expr], value: Any) -> None:
-    if isinstance(value, Array):
-        value = [body.whole(body.code.item(value, at)) for at in range(len(targets))]
-    for target, item in zip(targets, value, strict=True):
-        assign(body, target, item)
-
-
 def put(body: Any, place: Array, value: Any) -> None:
-    """Write a number, or another array, to a part of an array."""
+    """Write a number, a tuple, or another array, to a part of an array."""
     if not place.shape:
         body.code.store(place, value)
         return
-    length = place.shape[0]
-    with counting(body, 0, length) as at:
+    if isinstance(value, tuple) and not isinstance(value, Array):
+        for at, item in enumerate(value):
+            put(body, body.code.item(place, at), item)
+        return
+    with counting(body, 0, place.shape[0]) as at:
         item = body.whole(body.code.item(value, at)) if isinstance(value, Array) else value
         put(body, body.code.item(place, at), item)
 
 
 def on_Return(body: Any, node: ast.Return) -> None:
-    leave(body, body.of(node.value) if node.value else None)
-
-
-def leave(body: Any, value: Any) -> None:
-    if value is not None:
-        body.write("return", value)
-    body.code.jump(body.exit)
+    value = body.of(node.value) if node.value else None
+    if body.syntax.returns_at_end:
+        body.result = value
+    else:
+        body.leave(value)
 
 
 def on_Break(body: Any, node: ast.Break) -> None:
-    body.code.jump(body.loops[-1].after)
+    body.code.jump(body.loops[-1][0])
 
 
 def on_Continue(body: Any, node: ast.Continue) -> None:
-    body.code.jump(body.loops[-1].following)
+    body.code.jump(body.loops[-1][1])
 
 
 def on_If(body: Any, node: ast.If) -> None:
@@ -110,7 +91,8 @@ def on_If(body: Any, node: ast.If) -> None:
     for label, block in ((then, node.body), (other, node.orelse)):
         if block:
             code.label(label)
-            body.run(block)
+            with body.apart():
+                body.run(block)
             goes_on = goes_on or code.alive
             code.jump(after)
     if goes_on:
@@ -124,39 +106,47 @@ def on_While(body: Any, node: ast.While) -> None:
     code.label(head)
     code.fork(body.truth(node.test), inner, after)
     code.label(inner)
-    body.loops.append(Loop(after, head))
-    body.run(node.body)
-    body.loops.pop()
+    with looping(body, after, head):
+        run_rounds(body, node)
     code.jump(head)
     code.label(after)
-    if node.orelse:
-        body.refuse(node)
 
 
 def on_For(body: Any, node: ast.For) -> None:
-    if node.orelse:
-        body.refuse(node)
     items, code = body.of(node.iter), body.code
-    if isinstance(items, tuple) and not isinstance(items, (Array, Number, Span)):
-        after = code.module.fresh("after")
-        for item in items:
-            following = code.module.fresh("next")
-            body.loops.append(Loop(after, following))
-            assign(body, node.target, item)
-            body.run(node.body)
-            body.loops.pop()
-            code.jump(following)
-            code.label(following)
-        code.jump(after)
-        code.label(after)
+    if isinstance(items, Span):
+        with counting(body, *items) as at:
+            run_rounds(body, node, at)
         return
-    if not isinstance(items, Span):
-        body.refuse(node.iter)
-    else:
-        start, stop, step, independent = items
-        with counting(body, start, stop, step, bool(independent)) as at:
-            assign(body, node.target, at)
-            body.run(node.body)
+    if not isinstance(items, tuple) or isinstance(items, Array):
+        raise Untraceable("a loop over something that is neither a range nor a tuple")
+    after = code.module.fresh("after")
+    for item in items:
+        following = code.module.fresh("next")
+        with looping(body, after, following):
+            run_rounds(body, node, item)
+        code.jump(following)
+        code.label(following)
+    code.jump(after)
+    code.label(after)
+
+
+def run_rounds(body: Any, node: ast.For | ast.While, item: Any = None) -> None:
+    """Write the block of a loop, for an item of its range or tuple."""
+    if node.orelse:
+        raise Untraceable("a loop with an else")
+    if isinstance(node, ast.For):
+        assign(body, node.target, item)
+    body.run(node.body)
+
+
+@contextmanager
+def looping(body: Any, after: str, following: str) -> Iterator[None]:
+    """Take what is written meanwhile for the block of a loop, with the labels of what comes after it and of its next round."""
+    body.loops.append((after, following))
+    with body.apart():
+        yield
+    body.loops.pop()
 
 
 @contextmanager
@@ -170,7 +160,7 @@ def counting(body: Any, start: Any, stop: Any, step: Any = 1, independent: bool 
     last, by = Number("i", code.as_kind(stop, "i")), code.as_kind(step, "i")
     code.jump(head)
     code.label(head)
-    at = code.number("i", f"load i64, ptr {room}, align 8")
+    at = Number("i", code.put(f"load i64, ptr {room}, align 8"), is_natural(start) and is_constant(step) and step > 0)
     if is_constant(step):
         goes_on = code.compare("<" if step > 0 else ">", at, last, "i")
     else:
@@ -178,10 +168,9 @@ def counting(body: Any, start: Any, stop: Any, step: Any = 1, independent: bool 
         goes_on = code.select(code.compare(">", step, 0, "i"), up, down)
     code.fork(goes_on, inner, after)
     code.label(inner)
-    body.loops.append(Loop(after, following))
     code.group = group
-    yield at
-    body.loops.pop()
+    with looping(body, after, following):
+        yield at
     code.jump(following)
     code.label(following)
     now = code.put(f"load i64, ptr {room}, align 8")

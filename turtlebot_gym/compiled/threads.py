@@ -1,64 +1,78 @@
-"""Loops on several threads: how many threads, and which Python thread may use them."""
+"""Loops over tiles on several threads, with bit-identical results for every number of them."""
 
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
+from typing import Any
+
+from turtlebot_gym.compiled.program import Call, Program, address_of
 
 VARIABLE = "TURTLEBOT_GYM_THREADS"
 """Environment variable that limits the threads of a parallel loop."""
 
 
+limit: int | None = None
+"""Most threads of a parallel loop; None for as many as cores."""
+
+
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+"""Number of cores that the process may use."""
+
+
 @cache
-def _cores() -> int:
-    """Return the number of cores that the process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(CORES, "turtlebot_gym")
 
 
-class Threads:
-    """Lets one Python thread at a time run a parallel loop; all others run the serial one, with bit-identical results."""
+os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has none of its parent's threads
 
-    lock = threading.Lock()
-    limit: int | None = None
-    """Most threads of a parallel loop; None for as many as cores."""
-    pool: ThreadPoolExecutor | None = None
 
-    @classmethod
-    def count(cls) -> int:
-        """Return the most threads of a parallel loop."""
-        return _cores() if cls.limit is None else min(cls.limit, _cores())
+def count() -> int:
+    """Return the number of threads of a parallel loop."""
+    return CORES if limit is None else min(limit, CORES)
 
-    @classmethod
-    @contextmanager
-    def taken(cls) -> Iterator[int]:
-        """Let the caller use some threads for a while, and yield how many: one if others use them."""
-        if cls.count() > 1 and cls.lock.acquire(blocking=False):
-            try:
-                yield cls.count()
-            finally:
-                cls.lock.release()
-        else:
-            yield 1
 
-    @classmethod
-    def run(cls, functions: Sequence[Callable[[], int]]) -> list[int]:
-        """Call functions of machine code at once, the first one on this thread, and return what they return."""
-        first, *others = functions
-        if not others:
-            return [first()]
-        if cls.pool is None:
-            cls.pool = ThreadPoolExecutor(_cores(), "turtlebot_gym")
-        running = [cls.pool.submit(function) for function in others]
-        return [first(), *(other.result() for other in running)]
+class TileLoop:
+    """A loop over tiles, on one thread or several.
 
-    @classmethod
-    def after_fork(cls) -> None:
-        """Drop the parent's lock and threads in a forked child."""
-        cls.lock, cls.pool = threading.Lock(), None
+    Args:
+        loop: ``loop(first, last, *arguments)`` runs it over some tiles, and returns a number.
+        tiles: Number of tiles.
+        changing: Arguments that differ from call to call; compiled loops take the others from the first call.
+        is_parallel: Whether several threads may share the tiles.
+    """
+
+    def __init__(self, loop: Callable[..., int], tiles: int, changing: Sequence[int], *, is_parallel: bool) -> None:
+        self._loop, self._tiles, self._changing, self._is_parallel = loop, tiles, changing, is_parallel
+        self._calls: dict[Any, list[Call]] = {}
+
+    def __call__(self, *arguments: Any) -> int:
+        """Run the loop, and return the sum of its numbers; a loop that cannot be translated has not run."""
+        loop, parts = self._loop, count() if self._is_parallel else 1
+        if not isinstance(loop, Program):
+            return loop(0, self._tiles, *arguments)
+        key = parts, arguments[-2].strides  # outcomes are copies, or parts of whole tiles
+        calls = self._calls.get(key)
+        if calls is None:
+            bounds = [part * self._tiles // parts for part in range(parts + 1)]
+            calls = self._calls[key] = [Call(loop, (*bounds[part : part + 2], *arguments)) for part in range(parts)]
+        for at in self._changing:
+            value = arguments[at]
+            word = value if type(value) is bool else address_of(value)
+            for call in calls:
+                call.put(2 + at, word)
+        if parts == 1:
+            return calls[0].count()
+        running = [_pool().submit(call.count) for call in calls]
+        return sum(each.result() for each in running)
+
+    def again(self) -> Callable[[], int] | None:
+        """Return a function that runs a compiled loop on one thread with the arguments of the last call."""
+        return next((calls[0].count for calls in self._calls.values() if len(calls) == 1), None)
 
 
 @contextmanager
@@ -74,27 +88,17 @@ def limited(threads: int | None) -> Iterator[None]:
     Raises:
         ValueError: If ``threads`` is below 1.
     """
-    before, Threads.limit = Threads.limit, _checked("threads", threads)
+    global limit
+    if threads is not None and not threads >= 1:
+        raise ValueError(f"threads must be at least 1, got {threads!r}.")
+    before, limit = limit, threads
     try:
         yield
     finally:
-        Threads.limit = before
+        limit = before
 
 
-def _checked(name: str, threads: int | None) -> int | None:
-    if threads is not None and not threads >= 1:
-        raise ValueError(f"{name} must be at least 1, got {threads!r}.")
-    return threads
-
-
-def _limit_given() -> int | None:
-    text = os.environ.get(VARIABLE, "")
-    if not text:
-        return None
-    if not text.isdecimal():
-        raise ValueError(f"{VARIABLE} must be a whole number, got {text!r}.")
-    return _checked(VARIABLE, int(text))
-
-
-Threads.limit = _limit_given()
-os.register_at_fork(after_in_child=Threads.after_fork)
+if text := os.environ.get(VARIABLE):
+    if not text.isdecimal() or int(text) < 1:
+        raise ValueError(f"{VARIABLE} must be a whole number from 1 on, got {text!r}.")
+    limit = int(text)

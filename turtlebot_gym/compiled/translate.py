@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import ast
 import builtins as builtins_of_python
-import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from types import FunctionType
-from typing import Any, NamedTuple
+from typing import Any
 
 from turtlebot_gym.compiled import builtins, expressions, statements  # noqa: F401  # builtins fills a table of expressions
 from turtlebot_gym.compiled.code import Code, Module
@@ -19,131 +19,99 @@ from turtlebot_gym.compiled.values import (
     Array,
     Number,
     Untraceable,
-    as_runtime,
+    form_of,
+    is_constant,
     is_number,
     key_of,
     kind_of,
     kinds_of,
     leaves,
-    merged_form,
     named_of,
     renamed,
     tuple_like,
+    wider,
 )
 
-
-class Room(NamedTuple):
-    """A variable in memory."""
-
-    form: Any
-    names: tuple[str, ...]
-    """The address of each of its numbers."""
+ALLOWED = "kernels use numbers, tuples, arrays, if, while, for over a range or a tuple, and other kernels"
 
 
 class _Placed(Untraceable):
     """What cannot be translated, with its place."""
 
 
-class Made(NamedTuple):
-    """A function of the module, and the form of its result."""
-
-    name: str
-    result: Any
-
-
-class Translator:
-    """Translates kernels into a module."""
-
-    def __init__(self) -> None:
-        self.module = Module()
-        self._made: dict[Any, Made] = {}
-        self._held: list[Any] = []
-
-    def call(self, code: Code, function: FunctionType, arguments: Sequence[Any]) -> Any:
-        """Write the call of a kernel, and return its result."""
-        made = self.function(vars(function).get("in_loops", function), arguments)
-        kinds = kinds_of(made.result)
-        whole = f"call {code.module.structure(kinds)} @{made.name}({named_of(tuple(arguments))})"
-        if not kinds:
-            code.do(whole)
-            return made.result
-        whole, numbers = code.put(whole), iter(range(len(kinds)))
-        kind = code.module.structure(kinds)
-        return renamed(made.result, lambda: code.put(f"extractvalue {kind} {whole}, {next(numbers)}"))
-
-    def function(self, function: FunctionType, arguments: Sequence[Any]) -> Made:
-        """Return the translation of a kernel for arguments of some form."""
-        key = (id(function), tuple(map(key_of, arguments)))
-        if key not in self._made:
-            self._held.append(function)
-            self._made[key] = Body(self, function, arguments).made()
-        return self._made[key]
+def call(code: Code, function: FunctionType, arguments: Sequence[Any]) -> Any:
+    """Write the call of a kernel, and return its result; the kernel is translated once for each form of its arguments."""
+    function, made = vars(function).get("in_loops", function), code.module.made
+    key = (function, *map(key_of, arguments))
+    if key not in made:
+        made[key] = Body(code.module, function, arguments).made()
+    name, result = made[key]
+    kinds = kinds_of(result)
+    kind = code.module.structure(kinds)
+    text = f"call {kind} @{name}({named_of(tuple(arguments))})"
+    if not kinds:
+        code.do(text)
+        return result
+    whole = code.put(text)
+    return renamed(result, (code.put(f"extractvalue {kind} {whole}, {at}") for at in range(len(kinds))))
 
 
 class Body:
     """A kernel that is translated."""
 
-    def __init__(self, translator: Translator, function: FunctionType, arguments: Sequence[Any]) -> None:
-        self.translator, self.function, self.syntax = translator, function, syntax_of(function)
-        self.code = Code(translator.module, loose=getattr(function, "is_algebra", False))
-        self.loops: list[statements.Loop] = []
+    def __init__(self, module: Module, function: FunctionType, arguments: Sequence[Any]) -> None:
+        self.function, self.syntax = function, syntax_of(function)
+        self.code = Code(module, loose=getattr(function, "is_algebra", False))
+        self.loops: list[tuple[str, str]] = []
         self.names: dict[str, Any] = {}
+        self.rooms: dict[str, tuple[Any, list[str]]] = {}
+        """The forms of variables in memory, and the addresses of their numbers."""
         self.owned: list[str] = []
         """Where the addresses of arrays stand that this function makes."""
-        self.parameters = [renamed(value, lambda: self.code.module.fresh("%a")) for value in arguments]
+        self.result: Any = None
+        self.exit = module.fresh("exit")
+        self.parameters = renamed(tuple(arguments), iter(lambda: module.fresh("%a"), ""))
         cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
         self.closure = {name: cell.cell_contents for name, cell in cells}
 
-    def made(self) -> Made:
-        """Write the function."""
-        code, syntax, result = self.code, self.syntax, None
+    def made(self) -> tuple[str, Any]:
+        """Write the function; return its name, and the form of its result."""
+        code, syntax = self.code, self.syntax
         for name, value in zip(syntax.parameters, self.parameters, strict=True):
             self.bind(name, value)
-        if syntax.returns_at_end:
-            *body, last = syntax.body
-            self.run(body)
-            assert isinstance(last, ast.Return)
-            result = self.placed(last, lambda: self.of(last.value) if last.value else None)
-        else:
-            self.exit = code.module.fresh("exit")
-            self.run(syntax.body)
+        self.run(syntax.body)
+        if not syntax.returns_at_end:
             if code.alive:
-                statements.leave(self, None)
+                self.leave(None)
             code.label(self.exit)
-            result = self.read("return") if "return" in self.names else None
-        self.free(result)
-        found, kinds = leaves(result), kinds_of(result)
-        whole = code.module.structure(kinds)
-        value = "poison"
+            self.result = self.read("return") if "return" in self.rooms else None
+        found, kinds = leaves(self.result), kinds_of(self.result)
+        if self.owned and "ptr" in kinds:
+            raise Untraceable(f"the kernel {self.function.__name__!r} returns an array: let it take one to write to")
+        for room in self.owned:
+            self.free(room)
+        whole, value = code.module.structure(kinds), "poison"
         for at, (kind, leaf) in enumerate(zip(kinds, found, strict=True)):
             value = code.put(f"insertvalue {whole} {value}, {kind} {leaf.name}, {at}")
         code.do(f"ret {whole} {value}" if kinds else "ret void")
         name = code.module.fresh(f"{self.function.__name__.strip('<>')}.")
         inline = "" if syntax.has_loops else "alwaysinline "
-        head = f"define internal {whole} @{name}({named_of(tuple(self.parameters))}) {inline}#0 {{"
+        head = f"define internal {whole} @{name}({named_of(self.parameters)}) {inline}#0 {{"
         lines = [head, "entry:", *code.entry, "  br label %start", "start:", *code.lines, "}"]
         code.module.functions.append("\n".join(lines))
-        return Made(name, renamed(result, str))
-
-    # Memory
+        return name, self.result
 
     def own(self, address: str) -> None:
-        """Free what stands at an address when the function returns, or when this instruction runs again."""
+        """Free the memory at an address when the function returns, or when this instruction runs again."""
         code, room = self.code, self.code.room("ptr")
         code.module.declared.add("declare void @free(ptr)")
         code.entry.append(f"  store ptr null, ptr {room}, align 8")
-        code.do(f"call void @free(ptr {code.put(f'load ptr, ptr {room}')})")
+        self.free(room)
         code.do(f"store ptr {address}, ptr {room}, align 8")
         self.owned.append(room)
 
-    def free(self, result: Any) -> None:
-        """Free what the function owns."""
-        if self.owned and any(leaf.kind == "p" for leaf in leaves(result)):
-            raise Untraceable(f"the kernel {self.function.__name__!r} returns an array: let it take one to write to")
-        for room in self.owned:
-            self.code.do(f"call void @free(ptr {self.code.put(f'load ptr, ptr {room}')})")
-
-    # Variables
+    def free(self, room: str) -> None:
+        self.code.do(f"call void @free(ptr {self.code.put(f'load ptr, ptr {room}')})")
 
     def bind(self, name: str, value: Any) -> None:
         """Assign a variable."""
@@ -152,68 +120,79 @@ class Body:
         else:
             self.names[name] = value
 
+    @contextmanager
+    def apart(self) -> Iterator[None]:
+        """Forget the variables of a block at its end, except for those in memory."""
+        before = self.names.copy()
+        yield
+        self.names = before
+
     def write(self, name: str, value: Any) -> None:
         """Write a variable to its room in memory."""
-        code, form = self.code, as_runtime(value)
-        room = self.names.get(name)
-        if not isinstance(room, Room):
-            room = self.names[name] = Room(form, tuple(code.room(kind) for kind in kinds_of(form)))
-        if key_of(merged_form(room.form, form)) != key_of(room.form):
-            raise Untraceable("a variable or a choice that holds a whole number first, and then a float: begin with a float")
-        for kind, leaf, place in zip(kinds_of(room.form), self.as_form(value, room.form), room.names, strict=True):
-            code.do(f"store {kind} {leaf}, ptr {place}, align {1 if kind == 'i1' else 8}")
+        code = self.code
+        if name not in self.rooms:
+            form = form_of(value)
+            self.rooms[name] = form, [code.room(leaf.kind) for leaf in leaves(form)]
+        form, places = self.rooms[name]
+        for kind, number, place in zip(kinds_of(form), self.as_form(value, form), places, strict=True):
+            code.do(f"store {kind} {number}, ptr {place}, align {1 if kind == 'i1' else 8}")
 
     def as_form(self, value: Any, form: Any) -> list[str]:
-        """Return the names of a value's leaves in a form."""
-        if isinstance(form, Number):
+        """Return the names of a value's numbers in a form."""
+        if isinstance(form, Number) and is_number(value) and wider(kind_of(value), form.kind) == form.kind:
             return [self.code.as_kind(value, form.kind)]
-        if isinstance(form, tuple):
+        if isinstance(form, tuple) and type(value) is type(form) and len(value) == len(form):
             return [name for item, like in zip(value, form, strict=True) for name in self.as_form(item, like)]
+        if isinstance(form, (Number, tuple)) or value != form:
+            raise Untraceable(f"a variable or a choice that holds {_spelled(form)}, and then {_spelled(value)}")
         return []
 
     def read(self, name: str) -> Any:
         """Return the value of a variable in memory."""
-        room, code = self.names[name], self.code
-        kinds, places = iter(kinds_of(room.form)), iter(room.names)
-        return renamed(room.form, lambda: code.put(f"load {next(kinds)}, ptr {next(places)}"))
+        form, places = self.rooms[name]
+        loads = (self.code.put(f"load {kind}, ptr {place}") for kind, place in zip(kinds_of(form), places, strict=True))
+        return renamed(form, loads)
+
+    def leave(self, value: Any) -> None:
+        """Return a value, of which the kernel has several."""
+        if value is not None:
+            self.write("return", value)
+        self.code.jump(self.exit)
 
     def name(self, name: str) -> Any:
         """Return what a name stands for."""
+        if name in self.rooms:
+            return self.read(name)
         if name in self.names:
-            value = self.names[name]
-            return self.read(name) if isinstance(value, Room) else value
-        if name in self.closure:
-            return self.closure[name]
-        scope = self.function.__globals__
-        if name in scope:
-            return scope[name]
-        if not hasattr(builtins_of_python, name):
-            raise Untraceable(f"the name {name!r} in the kernel {self.function.__name__!r}")
-        return getattr(builtins_of_python, name)
-
-    # Statements
+            return self.names[name]
+        if name in self.function.__code__.co_varnames:
+            raise Untraceable(f"the variable {name!r}, which has no value here: give it one before the branch or the loop")
+        for scope in (self.closure, self.function.__globals__, vars(builtins_of_python)):
+            if name in scope:
+                return scope[name]
+        raise Untraceable(f"the name {name!r}, which is not defined")
 
     def run(self, block: Sequence[ast.stmt]) -> None:
+        """Write statements.
+
+        Raises:
+            Untraceable: If one cannot be translated; the message names its place and the reason.
+        """
         for statement in block:
-            if self.code.alive:
-                method = getattr(statements, f"on_{type(statement).__name__}", Body.refuse)
-                self.placed(statement, lambda statement=statement, method=method: method(self, statement))
+            if not self.code.alive:
+                return
+            try:
+                getattr(statements, f"on_{type(statement).__name__}", self.refuse)(self, statement)
+            except _Placed:
+                raise
+            except (Untraceable, TypeError, AttributeError, ValueError, LookupError) as error:
+                code = self.function.__code__
+                where = f"{code.co_filename}, line {statement.lineno} of the kernel {self.function.__name__!r}"
+                text = ast.unparse(statement).splitlines()[0]
+                raise _Placed(f"{where}, {text!r}, cannot be compiled: {error}; {ALLOWED}") from error
 
-    def placed(self, node: ast.stmt, translate: Callable[[], Any]) -> Any:
-        """Return what a statement gives; say where it stands if it cannot be translated."""
-        try:
-            return translate()
-        except (Untraceable, TypeError, AttributeError, ValueError, LookupError) as error:
-            return self.refuse(node, error)
-
-    def refuse(self, node: Any, error: Exception | None = None) -> Any:
-        """Say what cannot be translated, and where."""
-        if isinstance(error, _Placed):
-            raise error
-        where = f"line {node.lineno} of the kernel {self.function.__name__!r}"
-        raise _Placed(
-            f"{where}, {ast.unparse(node).splitlines()[0]!r}, cannot be compiled: {error or type(node).__name__}"
-        ) from error
+    def refuse(self, _: Any, node: ast.AST) -> Any:
+        raise Untraceable(f"the syntax {type(node).__name__}")
 
     def whole(self, array: Array) -> Any:
         """Return a number in place of an array without axes."""
@@ -222,23 +201,23 @@ class Body:
     def truth(self, node: ast.expr) -> Any:
         """Return whether a condition holds."""
         value = self.of(node)
-        if isinstance(value, Number):
-            return self.code.converted(value, "b")
-        return bool(value)
+        return self.code.converted(value, "b") if isinstance(value, Number) else bool(value)
 
-    # Expressions
+    def call(self, function: FunctionType, arguments: Sequence[Any]) -> Any:
+        return call(self.code, function, arguments)
 
     def of(self, node: ast.expr) -> Any:
         """Return the value of an expression."""
-        return getattr(expressions, f"of_{type(node).__name__}", Body.refuse)(self, node)
+        return getattr(expressions, f"of_{type(node).__name__}", self.refuse)(self, node)
 
     def held(self, value: Any) -> Any:
         """Return a value with numbers in place of constants."""
-        if type(value) is Number:
-            return value
-        if is_number(value):
-            return self.code.converted(value, kind_of(value))
         if isinstance(value, tuple) and not isinstance(value, Array):
-            items = [self.held(item) for item in value]
-            return value if all(map(operator.is_, items, value)) else tuple_like(value, items)
-        return value
+            return tuple_like(value, [self.held(item) for item in value])
+        return self.code.converted(value, kind_of(value)) if is_constant(value) else value
+
+
+def _spelled(value: Any) -> str:
+    """Return what a message calls a value."""
+    kinds = {"f": "a float", "i": "a whole number", "b": "a truth"}
+    return kinds[kind_of(value)] if is_number(value) and kind_of(value) in kinds else f"a {type(value).__name__}"

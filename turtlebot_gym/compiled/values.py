@@ -7,7 +7,8 @@ constant.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,17 +19,16 @@ class Untraceable(Exception):
 
 
 LLVM = {"f": "double", "i": "i64", "b": "i1", "p": "ptr"}
-LOW, HALF = 0x000FFFFFFFFFFFFF, 0x3FE0000000000000
-"""The bits of a double's mantissa, and those of 0.5."""
-MAGIC = 0x4330000000000000
-"""The bits of 2^52, in whose last places a whole number stands."""
 
 
-class Number(NamedTuple):
+@dataclass(slots=True)
+class Number:
     """A number that is known when the code runs."""
 
     kind: str
-    name: str
+    name: str = ""
+    natural: bool = False
+    """Whether it is a whole number that is known not to be negative: an index that counts from the start."""
 
 
 class Array(NamedTuple):
@@ -47,10 +47,7 @@ MEMORY = {
     "float32": ("float", 4, "f"),
     "int64": ("i64", 8, "i"),
     "int32": ("i32", 4, "i"),
-    "int16": ("i16", 2, "i"),
     "int8": ("i8", 1, "i"),
-    "uint64": ("i64", 8, "i"),
-    "uint32": ("i32", 4, "i"),
     "uint16": ("i16", 2, "i"),
     "uint8": ("i8", 1, "i"),
     "bool": ("i8", 1, "b"),
@@ -60,7 +57,7 @@ MEMORY = {
 
 def kind_of(value: Any) -> str:
     """Return the kind of a number or a constant."""
-    if type(value) is Number:
+    if isinstance(value, Number):
         return value.kind
     for kind, types in (("b", (bool, np.bool_)), ("i", (int, np.integer)), ("f", (float, np.floating))):
         if isinstance(value, types):
@@ -68,12 +65,16 @@ def kind_of(value: Any) -> str:
     raise Untraceable(f"a value of the type {type(value).__name__} among numbers")
 
 
-def is_number(value: Any) -> bool:
-    return isinstance(value, (Number, bool, int, float, np.generic))
-
-
 def is_constant(value: Any) -> bool:
-    return is_number(value) and not isinstance(value, Number)
+    return isinstance(value, (bool, int, float, np.generic))
+
+
+def is_number(value: Any) -> bool:
+    return isinstance(value, Number) or is_constant(value)
+
+
+def is_natural(value: Any) -> bool:
+    return value.natural if isinstance(value, Number) else value >= 0
 
 
 def signed(value: int) -> int:
@@ -100,18 +101,36 @@ def tuple_like(value: tuple[Any, ...], items: Sequence[Any]) -> Any:
     return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
 
 
-def rebuilt(value: Any, leaf: Callable[[Number], Any]) -> Any:
-    """Return a value with others for what is known when the code runs."""
-    if type(value) is Number:
-        return leaf(value)
-    return tuple_like(value, [rebuilt(item, leaf) for item in value]) if isinstance(value, tuple) else value
+def numbers_of(value: Any) -> list[Any]:
+    """Return what stands in a nested tuple, in order."""
+    if not isinstance(value, tuple):
+        return [value]
+    found: list[Any] = []
+    for item in value:
+        found += numbers_of(item)
+    return found
+
+
+def filled(like: Any, numbers: Iterable[Any]) -> Any:
+    """Return a nested tuple with others in place of what stands in it, in order."""
+    left = iter(numbers)
+
+    def part(like: Any) -> Any:
+        return tuple_like(like, [part(item) for item in like]) if isinstance(like, tuple) else next(left)
+
+    return part(like)
+
+
+def rebuilt(value: Any, leaf: Callable[[Any], Any]) -> Any:
+    """Return a nested tuple with others in place of the numbers that are known when the code runs."""
+    if isinstance(value, tuple):
+        return tuple_like(value, [rebuilt(item, leaf) for item in value])
+    return leaf(value) if isinstance(value, Number) else value
 
 
 def leaves(value: Any) -> list[Number]:
-    """Return what is known when the code runs, in order."""
-    found: list[Any] = []
-    rebuilt(value, found.append)
-    return found
+    """Return the numbers that are known when the code runs, in order."""
+    return [item for item in numbers_of(value) if isinstance(item, Number)]
 
 
 def kinds_of(value: Any) -> list[str]:
@@ -124,45 +143,29 @@ def named_of(value: Any) -> str:
     return ", ".join(f"{LLVM[leaf.kind]} {leaf.name}" for leaf in leaves(value))
 
 
-def renamed(value: Any, name: Callable[[], str]) -> Any:
+def renamed(value: Any, names: Iterator[str]) -> Any:
     """Return a value with other names of its leaves."""
-    return rebuilt(value, lambda leaf: Number(leaf.kind, name()))
+    return rebuilt(value, lambda leaf: Number(leaf.kind, next(names)))
 
 
-def as_runtime(value: Any) -> Any:
-    """Return a value with numbers in place of its constants, without names: what a variable or an argument can hold."""
+def form_of(value: Any) -> Any:
+    """Return the form of a value: what a variable or an argument can hold, with numbers in place of its constants."""
     if isinstance(value, np.ndarray):
-        strides = [Number("i", "")] * value.ndim
+        strides = [Number("i")] * value.ndim
         last = [value.itemsize] if value.strides[-1:] == (value.itemsize,) else strides[-1:]
-        value = Array(value.dtype.name, Number("p", ""), tuple(strides), (*strides[:-1], *last))
+        return Array(value.dtype.name, Number("p"), (Number("i"),) * value.ndim, (*strides[:-1], *last))
     if isinstance(value, Array):
-        strides = tuple(part if isinstance(part, int) else Number("i", "") for part in value.strides)
-        return Array(value.element, Number("p", ""), (Number("i", ""),) * len(value.shape), strides)
-    if isinstance(value, tuple) and not isinstance(value, Number):
-        return tuple_like(value, [as_runtime(item) for item in value])
-    return Number(kind_of(value), "") if is_number(value) else value
+        strides = tuple(part if isinstance(part, int) else Number("i") for part in value.strides)
+        return Array(value.element, Number("p"), (Number("i"),) * len(value.shape), strides)
+    if isinstance(value, tuple):
+        return tuple_like(value, [form_of(item) for item in value])
+    return Number(kind_of(value)) if is_number(value) else value
 
 
 def key_of(value: Any) -> Any:
     """Return what tells the form of a value from all others."""
-    if isinstance(value, Number):
-        return value.kind
     if isinstance(value, tuple):
         return (type(value), *map(key_of, value))
-    if isinstance(value, float):
-        return ("float", struct.pack("d", value))
+    if isinstance(value, Number):
+        return value.kind
     return (type(value), value) if isinstance(value, Hashable) else id(value)
-
-
-def merged_form(a: Any, b: Any) -> Any:
-    """Return the form of a variable that holds values of two forms, see `as_runtime`."""
-    if isinstance(a, Number) and isinstance(b, Number):
-        return Number(wider(a.kind, b.kind), "")
-    if isinstance(a, Array) and isinstance(b, Array) and a.element == b.element and len(a.shape) == len(b.shape):
-        strides = tuple(x if x == y else Number("i", "") for x, y in zip(a.strides, b.strides, strict=True))
-        return Array(a.element, Number("p", ""), a.shape, strides)
-    if type(a) is type(b) and isinstance(a, tuple) and len(a) == len(b) and not isinstance(a, (Number, Array)):
-        return tuple_like(a, [merged_form(x, y) for x, y in zip(a, b, strict=True)])
-    if key_of(a) == key_of(b):
-        return a
-    raise Untraceable(f"a variable that holds {type(a).__name__} and {type(b).__name__}")

@@ -216,7 +216,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _info(self, distance: float, success: bool, shares: NDArray[np.float64]) -> dict[str, Any]:
         """Return what ``info`` holds, in new arrays."""
-        numbers, (true_state, odometry, estimate, covariance, reference, command, more) = self._batch.first_selected()
+        numbers, (true_state, odometry, estimate, covariance, reference, command, more) = self._batch.first
         info: dict[str, Any] = {  # the keys of `common.PARTS`, written out: a comprehension takes half as long again
             "true_state": numbers[true_state],
             "odometry": numbers[odometry],

@@ -10,12 +10,13 @@ import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.vector import AutoresetMode
 
-from turtlebot_gym.compiled.gpu import FLAGS, NUMBERS, DeviceBatch, Results
+from turtlebot_gym.compiled.gpu import DeviceBatch
+from turtlebot_gym.compiled.loop import FLAGS
 from turtlebot_gym.compiled.values import Untraceable
 from turtlebot_gym.config import choose, refusal, short_repr
 from turtlebot_gym.envs.common import read_options
 from turtlebot_gym.envs.vector import SeededVectorEnv
-from turtlebot_gym.systems import Parameters
+from turtlebot_gym.systems import Outcome, Parameters
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -24,8 +25,7 @@ ON_PROCESSOR = "torch-cpu"
 """Name of the device on which the kernels of a GPU run on this processor."""
 CHECKED = 100
 """Steps after which the device is asked whether all actions were finite."""
-_REWARD, _DISTANCE = range(len(NUMBERS))
-_SUCCESS, _TERMINATED, _TRUNCATED, _ENDED = range(len(FLAGS))
+_REWARD, _DISTANCE = map(Outcome._fields.index, ("reward", "distance"))
 
 
 def find_device(device: str) -> str:
@@ -135,14 +135,12 @@ class NavigationDeviceEnv(SeededVectorEnv):
         is_seeded = is_seeded & mask
         batch.seeds.copy_(seeds.where(is_seeded, batch.seeds))
         batch.episodes.copy_((batch.episodes + mask) * ~is_seeded)
-        results = batch.empty()
-        batch.reset(self._everywhere, results, begins=False)
-        batch.reset(mask, results)
+        observations, outcomes = batch.empty()
+        batch.reset(self._everywhere, observations, outcomes, begins=False)
+        batch.reset(mask, observations, outcomes)
         self._begun = True
         self._done = self._done & ~mask
-        info = self._info(results, 0, mask)
-        distance, is_success = info["distance"].masked_fill(~mask, 0.0), info["is_success"] & mask
-        return results.observations[0], info | {"distance": distance, "is_success": is_success}
+        return observations, self._info(outcomes.masked_fill(~mask, 0.0), mask)
 
     def step(  # pyright: ignore[reportIncompatibleMethodOverride]  # tensors
         self, actions: Tensor
@@ -158,24 +156,32 @@ class NavigationDeviceEnv(SeededVectorEnv):
         self._steps += 1
         if self._steps % CHECKED == 0:
             self._check_actions()
-        at_once = self.autoreset_mode is AutoresetMode.SAME_STEP
-        results = self._batch.step(values, None if at_once else self._done)
-        numbers, flags = results.numbers[-1], results.flags[-1]
-        self._done = flags[_ENDED]
-        info = self._info(results, 0, self._everywhere)
-        if at_once:
-            info |= {"final_obs": results.observations[1], "_final_obs": self._done}
-            info |= {"final_info": self._info(results, 1, self._done), "_final_info": self._done}
-        return results.observations[0], numbers[_REWARD], flags[_TERMINATED], flags[_TRUNCATED], info
+        observations, outcomes = self._batch.step(values)
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            self._begin(self._done, observations, outcomes)
+            _, terminated, truncated = outcomes[FLAGS] != 0.0
+            self._done = terminated | truncated
+            return observations, outcomes[_REWARD], terminated, truncated, self._info(outcomes, self._everywhere)
+        _, terminated, truncated = outcomes[FLAGS] != 0.0
+        self._done, last_observations, last = terminated | truncated, observations.clone(), outcomes.clone()
+        self._begin(self._done, observations, outcomes)
+        final = {"final_obs": last_observations, "_final_obs": self._done}
+        final |= {"final_info": self._info(last.masked_fill(~self._done, 0.0), self._done), "_final_info": self._done}
+        return observations, last[_REWARD], terminated, truncated, self._info(outcomes, self._everywhere) | final
+
+    def _begin(self, mask: Tensor, observations: Tensor, outcomes: Tensor) -> None:
+        """Begin the next episode of some environments, and overwrite their values."""
+        self._batch.episodes += mask
+        self._batch.reset(mask, observations, outcomes)
 
     def _tensor(self, array: Any) -> Tensor:
         import torch
 
         return torch.as_tensor(array, device=self.device)
 
-    def _info(self, results: Results, copy: int, mask: Tensor) -> dict[str, Any]:
-        distance, is_success = results.numbers[copy, _DISTANCE], results.flags[copy, _SUCCESS]
-        return {"distance": distance, "is_success": is_success, "_distance": mask, "_is_success": mask}
+    def _info(self, outcomes: Tensor, mask: Tensor) -> dict[str, Any]:
+        is_success = outcomes[FLAGS][0] != 0.0
+        return {"distance": outcomes[_DISTANCE], "is_success": is_success, "_distance": mask, "_is_success": mask}
 
     def _read_actions(self, actions: Any) -> Tensor:
         import torch

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from turtlebot_gym.estimation.update import Projection, Sixth, of_row, update_both
-from turtlebot_gym.kernel import compiled_scratch, is_plain, kernel
+from turtlebot_gym.kernel import is_plain, kernel
 from turtlebot_gym.localization.points import DX, DY, LENGTH, X, Y
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import sincos
@@ -138,7 +138,7 @@ def information(
     field, frame, points, number = sight
     sine, cosine = sincos(at.theta)
     stretch = 1.0 / (1.0 + at.scale) - 1.0
-    room = np.empty(ROOM) if is_plain() else compiled_scratch(ROOM)
+    room = np.empty(ROOM)
     xx = xy = xt = xs = yy = yt = ys = tt = ts = ss = x = y = theta = scale = fits = used = 0.0
     for first in range(0, number, BLOCK):
         some = min(number - first, BLOCK)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from turtlebot_gym.kernel import compiled_scratch, exactly, is_plain, kernel
+from turtlebot_gym.kernel import exactly, is_plain, kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.rooms.lidar import Lidar, bias_of, reading, time_of_beam
 from turtlebot_gym.rooms.rays import (
@@ -210,7 +210,7 @@ def measure(
     """
     revolution, turn = int(lidar.beams), wrap(now.theta - before.theta)
     bias, sweeping, newest = bias_of(key, lidar), scene.lidar.ranges[0], scene.lidar.ranges[1]
-    rays = np.zeros(ROOM) if is_plain() else compiled_scratch(ROOM)  # on the stack, without a call of the allocator
+    rays = np.zeros(ROOM) if is_plain() else np.empty(ROOM)
     share = 1.0 / (lidar.beams * lidar.rate * dt) if lidar.turning else 0.0  # of the interval, from one beam to the next
     sweep, arm = TWO_PI / lidar.beams + share * turn, abs(lidar.x) + abs(lidar.y)
     drift = share * (abs(now.x - before.x) + abs(now.y - before.y) + arm * abs(turn))
