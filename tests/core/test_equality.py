@@ -11,7 +11,6 @@ from steering import SHAKY, drive
 
 from turtlebot_gym import FilterTuning, FixNoise, Robot
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.compiled.threads import count, limited
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Options
@@ -74,11 +73,3 @@ def test_rows_equal_plain_python(case, number, in_step):
 @pytest.mark.parametrize("case", [case for case in CASES if case != SLOW])
 def test_rows_equal_plain_python_for_a_million_steps(case, in_step):
     assert ends_of(case, 100, range(100), 10_000, in_step).any()
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_a_large_batch_equals_plain_python_on_any_number_of_threads(threads, in_step):
-    if threads > count():
-        pytest.skip(f"there are {count()} thread(s) here")
-    with limited(threads):  # both sides of a tile's and of the threads' border
-        assert ends_of(NOISY, 4096, (0, 31, 32, 2047, 2048, 4095), 200, in_step).all()

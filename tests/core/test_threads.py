@@ -1,7 +1,5 @@
 """How many threads a parallel loop uses: a limit that changes no bit."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -11,18 +9,18 @@ from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.packing import TILE
 from turtlebot_gym.compiled.threads import VARIABLE, limited
 from turtlebot_gym.systems import Options
-from turtlebot_gym.tasks import SQUARE
 
 
-def driven(steps=20, task="square"):
+def driven(number=20, task="square"):
     """Return the bytes of a batch's results, of its first observations first."""
     parameters, waypoints, plan, _ = Options(task=task).setup()
     batch = Batch(9 * TILE, parameters, waypoints, plan=plan)
     batch.seeds[:] = np.arange(batch.num_envs)
     first = batch.empty()
     batch.reset(np.ones(batch.num_envs, np.bool_), *first)
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (steps, batch.num_envs, 2)).astype(np.float32)
-    return [[array.tobytes() for array in arrays] for arrays in (first, *map(batch.step, actions))]
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (number, batch.num_envs, 2)).astype(np.float32)
+    steps = [(*batch.step(action), np.array(batch.flagged)) for action in actions]
+    return [[array.tobytes() for array in arrays] for arrays in (first, *steps)]
 
 
 @pytest.mark.parametrize("task", ["square", "room"])  # in rooms a reset has work for all threads, too
@@ -73,19 +71,3 @@ def test_commands_and_nodes_let_threads_sleep_before_numpy_is_loaded_unless_the_
 def test_importing_a_package_leaves_the_environment_of_the_process_as_it_was(package, run):
     program = f"import json, os; before = dict(os.environ); import {package}; print(json.dumps(os.environ == before))"
     assert run(program) is True
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("longest", [0, TILE, -1], ids=["first", "of another tile", "last"])
-def test_a_batch_tells_whether_any_episode_ended_however_many_threads_made_the_step(monkeypatch, threads, longest):
-    monkeypatch.setattr(batches, "PARALLEL_FROM", TILE)
-    parameters, waypoints, *_ = Options(task=replace(SQUARE, max_steps=3)).setup()
-    batch = Batch(9 * TILE - 5, parameters, waypoints)
-    actions, others = np.zeros((batch.num_envs, 2), np.float32), np.ones(batch.num_envs, np.bool_)
-    batch.reset(others, *batch.empty())
-    others[longest] = False
-    with limited(threads):
-        batch.step(actions)
-        batch.reset(others, *batch.empty())
-        flagged = [batch.flagged > 0 for _ in range(3) if batch.step(actions)]
-    assert flagged == [False, True, True]
