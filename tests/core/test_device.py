@@ -209,5 +209,5 @@ def test_an_unknown_or_missing_device_is_refused(name):
 
 def test_a_missing_torch_is_named_with_its_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(ImportError, match=r"device='cuda' needs torch: pip install .*\[gpu\].*torch"):
+    with pytest.raises(ImportError, match=r"device='cuda' needs torch: pip install torch"):
         make_vector(2, device="cuda")
