@@ -254,7 +254,7 @@ class Batch:
         Each tile's run is copied as a whole; rows of k numbers would take five times as long.
         """
         tiles = self._tiles.reshape(len(self._tiles), -1, TILE).transpose(1, 0, 2)
-        return tiles[np.asarray(places, np.intp)].reshape(len(places), -1)[:, : self.num_envs]
+        return tiles[np.asarray(places, np.intp)].reshape(len(places), len(self._tiles) * TILE)[:, : self.num_envs]
 
     def select(self, *parts: ArrayLike) -> None:
         """Choose numbers of a world for `selected` and `first`: arrays of any shape of their indices in the layout."""

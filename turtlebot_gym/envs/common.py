@@ -15,9 +15,7 @@ from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int, refusal, short_repr
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.observations.columns import bounds_of
-from turtlebot_gym.rooms.geodesic import MARGIN
-from turtlebot_gym.rooms.worlds import require_a_way
-from turtlebot_gym.systems import Options, Outcome, Parameters, Setup, System
+from turtlebot_gym.systems import Options, Outcome, Setup, System
 
 PARTS = {"true_state": "body.true_state", "odometry": "senses.odometry.pose", "estimate": "estimate.belief.mean"}
 PARTS |= {"covariance": "estimate.belief.covariance", "reference": "course.reference", "command": "body.command"}
@@ -37,10 +35,10 @@ _FLOAT = np.dtype(np.float32)
 
 
 def indices_of(batch: Batch, key: str, path: str) -> NDArray[np.intp]:
-    """Return the indices of a part of a world in its shape, (3, 3) for a covariance; or of a number, shape (1,)."""
+    """Return the indices of a part of a world in its shape, (3, 3) for a covariance and () for a number."""
     world = batch.layout.world
     if path in world.names:
-        return np.array([world.names.index(path)])
+        return np.array(world.names.index(path))
     part = np.arange(len(world.names))[world.slices[path]]
     return matrix(part) if key == "covariance" else part
 
@@ -51,28 +49,12 @@ def spaces_of(system: System) -> tuple[spaces.Space[NDArray[np.float32]], spaces
     return spaces.Box(-1.0, 1.0, (2,), np.float32), spaces.Box(low, high)
 
 
-def make_batch(setup: Setup, num_envs: int, *, shares: bool) -> Batch:
-    """Make the batch of an environment, with or without the shares of the reward; refuse a given room without a path."""
-    parameters, waypoints, plan, system = setup
-    if plan:
-        first = Batch(1, parameters, waypoints, system=system, plan=plan)
-        first.reset(np.ones(1, np.bool_), *first.empty())
-        require_a_way(plan, parameters.robot.radius, float(first.numbers("room.way")[0]))
-    return Batch(num_envs, parameters, waypoints, system=system, plan=plan, shares=shares)
-
-
 def with_limit(options: Options, steps: float) -> Setup:
     """Return what options stand for, with a limit of steps; that of a task of the caller's own counts, too."""
     setup, steps = options.setup(), POSITIVE_OR_INFINITE.check("max_episode_steps", steps)
     task = setup.parameters.task
     task = replace(task, max_steps=min(steps, task.max_steps) if options.limits_steps else steps)
     return setup._replace(parameters=setup.parameters._replace(task=task))
-
-
-def no_way(parameters: Parameters) -> str:
-    """Return why a robot cannot reach its goal."""
-    radius = parameters.robot.radius
-    return f"No way leads from start to goal for a robot of radius {radius:g} m that keeps {MARGIN:g} m to everything."
 
 
 def read_seeds(seed: Any, num_envs: int) -> list[int | None]:

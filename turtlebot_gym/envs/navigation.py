@@ -10,15 +10,15 @@ import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
+from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.config import as_int, choose, refusal
 from turtlebot_gym.envs import common
 from turtlebot_gym.envs.pictures import Pictures
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
-from turtlebot_gym.rooms.worlds import with_options
+from turtlebot_gym.rooms.worlds import no_way, with_options
 from turtlebot_gym.systems import Options, Parameters, Snapshot, make_room
 from turtlebot_gym.tasks import given_pose
 
@@ -107,7 +107,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             set ``task``. Gymnasium's own limit of steps is ``gym.make(..., max_episode_steps=...)``.
 
     Raises:
-        ValueError: If an argument is out of its range, or a given world has no path from start to goal.
+        ValueError: If an argument is out of its range.
         TypeError: If an argument is unknown.
 
     ## Version History
@@ -119,25 +119,23 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
         setup = common.with_limit(Options.of(options), math.inf)  # any other is TimeLimit's work
-        self._batch = common.make_batch(setup, 1, shares=True)
+        parameters, waypoints, plan, system = setup
+        self._batch = Batch(1, parameters, waypoints, system=system, plan=plan, shares=True)
         p = self.parameters
-        self._own = self._world = (setup.plan or p.room.rules) if p.room else None
+        self._own = self._world = (plan or p.room.rules) if p.room else None
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / p.dt))}
-        self.action_space, self.observation_space = common.spaces_of(self._batch.system)
+        self.action_space, self.observation_space = common.spaces_of(system)
         self._numbers = {key: bool if key in common.FLAGS else float for key in common.ROOM_PARTS} if p.room else {}
         parts = [common.indices_of(self._batch, key, path) for key, path in common.PARTS.items()]
-        self._batch.select(*parts, [common.indices_of(self._batch, key, common.ROOM_PARTS[key])[0] for key in self._numbers])
-        self.reward_terms = tuple(term.name for term in self._batch.system.rewards)
+        self._batch.select(*parts, [common.indices_of(self._batch, key, common.ROOM_PARTS[key]) for key in self._numbers])
+        self.reward_terms = tuple(term.name for term in system.rewards)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
         self._everything = np.ones(1, np.bool_)
         self._started = self._seeded = False
-        self._pictures = Pictures(self._batch, render_mode, rows=1)
-
-    @property
-    def observation_terms(self) -> tuple[ObservationTerm, ...]:
+        self.observation_terms = system.terms
         """The terms of an observation, in turn."""
-        return self._batch.system.terms
+        self._pictures = Pictures(self._batch, render_mode, rows=1)
 
     @property
     def parameters(self) -> Parameters:
@@ -180,7 +178,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         info = self._info(float(outcomes[1, 0]), False, outcomes[common.FIRST_SHARE :, 0].copy())
         self._started = info.get("way_left") != UNKNOWN
         if not self._started:
-            raise ValueError(common.no_way(self.parameters))
+            raise no_way(self.parameters.robot)
         self._pictures.begin(self._everything)
         return observations[0], info
 

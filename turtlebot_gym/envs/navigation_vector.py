@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from turtlebot_gym.envs.pictures import Pictures
 from turtlebot_gym.envs.vector import MOST, SeededVectorEnv
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.scene import Scene
+from turtlebot_gym.rooms.worlds import no_way
 from turtlebot_gym.systems import Outcome, Parameters, Snapshot
 
 _REWARD, _DISTANCE, _SUCCESS = map(Outcome._fields.index, ("reward", "distance", "is_success"))
@@ -26,28 +27,6 @@ _NUMBERS = {"nis": "estimate.nis", "measured": "senses.odometry.measured", "slip
 """Single numbers of ``info="full"``: the normalized innovation squared of the last measurement, which the policy sees clipped;
 whether a measurement arrived; and whether the wheels slip."""
 _FEW = 8192  # a BLAS shares the work on longer arrays among threads, which a step must not wake
-
-
-class _InfoReader:
-    """What ``info`` holds of the worlds of a batch: parts of an array in which each row is a number of all environments."""
-
-    def __init__(self, batch: Batch, parts: Mapping[str, str]) -> None:
-        self._batch, self._parts = batch, []
-        chosen, end = [common.indices_of(batch, key, path) for key, path in parts.items()], 0
-        for (key, path), indices in zip(parts.items(), chosen, strict=True):
-            start, end = end, end + indices.size
-            self._parts.append((key, slice(start, end), () if path in batch.layout.world.names else indices.shape))
-        batch.select(*chosen)
-
-    def now(self) -> dict[str, NDArray[Any]]:
-        """Return the parts, with environments first, as views where possible."""
-        numbers = self._batch.selected() if self._parts else np.empty((0, 0))
-        info: dict[str, NDArray[Any]] = {}
-        for key, part, shape in self._parts:
-            info[key] = numbers[part].T.reshape(-1, *shape)
-            if key in common.FLAGS:
-                info[key] = info[key] != 0.0
-        return info
 
 
 class NavigationVectorEnv(SeededVectorEnv):
@@ -78,7 +57,7 @@ class NavigationVectorEnv(SeededVectorEnv):
         **options: See `NavigationEnv`.
 
     Raises:
-        ValueError: If an argument is out of its range, or a given world has no path from start to goal.
+        ValueError: If an argument is out of its range.
         TypeError: If an argument is unknown.
     """
 
@@ -96,12 +75,14 @@ class NavigationVectorEnv(SeededVectorEnv):
         super().__init__(num_envs, max_episode_steps, autoreset_mode, render_mode, options)
         render_rows = min(as_int("render_rows", render_rows, 1, MOST), self.num_envs)
         self._tells_shares = choose("info", info, {"default": False, "rewards": True, "full": True})
-        self._batch = common.make_batch(self._setup, self.num_envs, shares=self._tells_shares)
-        self.reward_terms = tuple(term.name for term in self._batch.system.rewards)
+        p, waypoints, plan, system = self._setup
+        self._batch = Batch(self.num_envs, p, waypoints, system=system, plan=plan, shares=self._tells_shares)
+        self.reward_terms = tuple(term.name for term in system.rewards)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
-        self._in_room = self._batch.system.in_room
+        self._in_room = system.in_room
         parts = (common.ROOM_PARTS if self._in_room else {}) | (common.PARTS | _NUMBERS if info == "full" else {})
-        self._told = _InfoReader(self._batch, parts)
+        self._told = {key: common.indices_of(self._batch, key, path) for key, path in parts.items()}
+        self._batch.select(*self._told.values())
         self._tells_little = not parts and not self._tells_shares
         self._pictures = Pictures(self._batch, render_mode, rows=render_rows)
         self._done = np.zeros(self.num_envs, np.bool_)
@@ -206,7 +187,7 @@ class NavigationVectorEnv(SeededVectorEnv):
         if self._in_room and (lost := mask & (self._batch.numbers(common.ROOM_PARTS["way_left"]) == UNKNOWN)).any():
             # No step may follow an episode that did not begin.
             self._begun, row = False, int(np.argmax(lost))
-            raise ValueError(f"Environment {row}: {common.no_way(self._batch.parameters_of(row))}")
+            raise ValueError(f"Environment {row}: {no_way(self._batch.parameters_of(row).robot)}")
         self._pictures.begin(mask)
 
     def _info(
@@ -216,7 +197,11 @@ class NavigationVectorEnv(SeededVectorEnv):
         infos: dict[str, Any] = {"distance": outcomes[_DISTANCE], "is_success": is_success}
         if mask is None and self._tells_little:  # the usual case, in half the time
             return infos | {"_distance": self._everywhere, "_is_success": self._everywhere}
-        infos |= self._told.now()
+        numbers, end = self._batch.selected(), 0
+        for key, indices in self._told.items():
+            start, end = end, end + indices.size
+            part = numbers[start:end].T.reshape(-1, *indices.shape)
+            infos[key] = part != 0.0 if key in common.FLAGS else part
         if self._tells_shares:
             infos["reward_shares"] = outcomes[common.FIRST_SHARE :].T
         if mask is not None:

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym.config import did_you_mean, given, refusal, short_repr, split
-from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -71,9 +72,7 @@ def find_lidar(lidar: str | Path | Mapping[str, Any] | Lidar) -> Lidar:
     return given(Lidar, lidar, LIDARS, "lidar")
 
 
-def require_a_way(plan: FloorPlan, radius: float, way: float) -> None:
-    """Refuse a floor plan, by `geodesic.way_left` at the start, without a path for a robot of a radius, m."""
-    if way == UNKNOWN:
-        where = "from its start to its goal" if plan.start and plan.goal else "between the places that were drawn"
-        robot = f"a robot of radius {radius:g} m that keeps {MARGIN:g} m to everything"
-        raise ValueError(f"The floor plan has no way {where} for {robot}.")
+def no_way(robot: Robot) -> ValueError:
+    """Return the error for a robot that no way leads to its goal: `geodesic.way_left` is unknown."""
+    rule = f"for a robot of radius {robot.radius:g} m that keeps {MARGIN:g} m to everything"
+    return ValueError(f"No way leads from start to goal {rule}.")

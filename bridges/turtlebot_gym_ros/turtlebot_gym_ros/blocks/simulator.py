@@ -13,10 +13,11 @@ from turtlebot_gym.config import Range, check_fields
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.grid import GridMap, charted
 from turtlebot_gym.rooms.lidar import Lidar, beams_by
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
-from turtlebot_gym.rooms.worlds import require_a_way
+from turtlebot_gym.rooms.worlds import no_way
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import MISSION, NAV, ROOM
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
@@ -126,8 +127,8 @@ class TurtlebotSimulator:
         if self._lidar:
             mount = Mount(SCAN_FRAMES.get(params.lidar, "base_scan"), self._lidar.x, self._lidar.y, self._lidar.yaw)
             self.outputs |= ROOM_OUTPUTS | {"scan": replace(ROOM_OUTPUTS["scan"], mount=mount)}
-        if plan:
-            require_a_way(plan, p.robot.radius, self._episode.world.room.way)
+        if plan and self._episode.world.room.way == UNKNOWN:
+            raise no_way(p.robot)
         self._begun = False
         self.notice: str | None = None
         """Notice of the episode's first contact."""
