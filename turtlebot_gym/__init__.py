@@ -13,11 +13,11 @@ from turtlebot_gym.files import write_parameters
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.observations import Observation, ObservationTerm
 from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise
-from turtlebot_gym.presets import NOISES, make_filter, make_fix, make_noise, make_robot
+from turtlebot_gym.presets import NOISES, make_filter, make_noise, make_robot
 from turtlebot_gym.rewards import RewardTerm
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.systems import Options, Parameters, Snapshot, System, make_parameters
-from turtlebot_gym.tasks import NAV, POSE, SQUARE, SQUARE_WAYPOINTS, Task
+from turtlebot_gym.tasks import NAV, POSE, SQUARE, SQUARE_WAYPOINTS, TASKS, Task
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 
 __version__ = "0.2.0"
@@ -52,7 +52,6 @@ __all__ = [
     "System",
     "Task",
     "make_filter",
-    "make_fix",
     "make_noise",
     "make_parameters",
     "make_robot",
@@ -64,13 +63,13 @@ __all__ = [
 def _register_environments() -> None:
     from gymnasium.envs.registration import register
 
-    ids = {"Nav": ("nav", 300), "Pose": ("pose", 300), "Square": ("square", 600), "Rooms": ("room", 600)}
-    for name, (task, steps) in (ids | {"Missions": ("mission", 6000)}).items():
+    ids = {"Nav": "nav", "Pose": "pose", "Square": "square", "Rooms": "room", "Missions": "mission"}
+    for name, task in ids.items():
         register(
             id=f"turtlebot_gym/TurtleBot{name}-v0",
             entry_point="turtlebot_gym.envs.navigation:NavigationEnv",
             vector_entry_point="turtlebot_gym.envs.vector:make_vector",
-            max_episode_steps=steps,
+            max_episode_steps=int(TASKS[task].max_steps),
             kwargs={"task": task},
         )
 

@@ -14,7 +14,7 @@ from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from types import NoneType
-from typing import Any, Protocol, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 from turtlebot_gym.files import is_file, load
 
@@ -24,12 +24,6 @@ BASE = "base"
 """Key of a mapping whose other keys change some fields of what this one names."""
 
 T = TypeVar("T")
-
-
-class Rule(Protocol):
-    """What a value may be; its text completes "must be"."""
-
-    def check(self, name: str, value: Any) -> Any: ...
 
 
 def refusal(name: str, rule: object, value: Any) -> ValueError:
@@ -57,8 +51,6 @@ class Range:
     whole: bool = False
     infinite: bool = False
     """Whether infinity is allowed besides."""
-    log: bool = False
-    """Whether values to try are drawn uniformly on a logarithmic scale."""
     kind: str = "number"
     unit: str = ""
 
@@ -99,27 +91,21 @@ ONE_OR_MORE = Range(1, 10**9, whole=True)
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """A sequence of numbers, any and of any length if None; a diagonal matrix may stand for its diagonal."""
+    """A sequence of numbers, any and of any length if None."""
 
     each: Range | None = None
     size: int | None = None
-    diagonal: bool = False
 
     def check(self, name: str, value: Any) -> tuple[float, ...]:
         """Return a list, a tuple or an array as a tuple of floats."""
         rows = value.tolist() if hasattr(value, "tolist") else value
         if not isinstance(rows, (list, tuple)) or self.size not in (None, len(rows)):
             raise refusal(name, self, value)
-        if self.diagonal and all(isinstance(row, (list, tuple)) and len(row) == len(rows) for row in rows):
-            if any(item != 0.0 for i, row in enumerate(rows) for j, item in enumerate(row) if i != j):
-                raise refusal(name, self, value)
-            rows = [row[at] for at, row in enumerate(rows)]
         check = self.each.check if self.each else as_number
         return tuple(check(f"{name}[{at}]", item) for at, item in enumerate(rows))
 
     def __str__(self) -> str:
-        text = "a sequence of numbers" if self.size is None else f"{self.size} numbers"
-        return text + (f" or a diagonal {self.size} x {self.size} matrix of them" if self.diagonal else "")
+        return "a sequence of numbers" if self.size is None else f"{self.size} numbers"
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,11 +119,6 @@ class Names:
 
     def __str__(self) -> str:
         return f"one of {', '.join(map(repr, self.names))}"
-
-
-def variances(size: int) -> Numbers:
-    """Return the rule of a covariance that is given as its diagonal or as a diagonal matrix."""
-    return Numbers(NON_NEGATIVE, size, diagonal=True)
 
 
 def _item(value: Any) -> Any:
@@ -183,10 +164,7 @@ def did_you_mean(name: Any, known: Iterable[Any]) -> str:
 
 
 def check_fields(owner: Any, prefix: str | None = None) -> None:
-    """Check the fields of a parameter class, and give each the type that it is declared with, where that loses nothing.
-
-    ``prefix`` precedes a field's name in messages: the class and a dot if None.
-    """
+    """Check the fields of a parameter class, and give each its declared type; ``prefix`` precedes their names in messages."""
     kind = type(owner)
     for name, check in _checks(kind):
         path = f"{kind.__name__ + '.' if prefix is None else prefix}{name}"
@@ -201,7 +179,7 @@ def _checks(kind: type) -> list[tuple[str, Callable[[str, Any], Any]]]:
     return [(name, check) for name, check in checks.items() if check is not None]
 
 
-def _check(hint: Any, rule: Rule | None) -> Callable[[str, Any], Any] | None:
+def _check(hint: Any, rule: Any) -> Callable[[str, Any], Any] | None:
     if rule is not None:
         return lambda name, value: None if value is None and NoneType in get_args(hint) else rule.check(name, value)
     if isinstance(hint, type) and is_dataclass(hint):
@@ -210,7 +188,7 @@ def _check(hint: Any, rule: Rule | None) -> Callable[[str, Any], Any] | None:
 
 
 @cache
-def rules(kind: type) -> dict[str, Rule]:
+def rules(kind: type) -> dict[str, Any]:
     """Return the rules that are declared beside the fields of a parameter class, by the fields' names."""
     hints = get_type_hints(kind, include_extras=True)
     marks = {each.name: getattr(hints[each.name], "__metadata__", ()) for each in fields(kind)}

@@ -65,8 +65,8 @@ class OdometryNoise:
     wheels carried out but not the noise of their execution, so its error is smooth and grows.
     """
 
-    R: Annotated[tuple[float, ...], config.variances(3)] = (0.0, 0.0, 0.0)
-    """Variances of the white noise on x, y and heading; m^2, m^2, rad^2. A diagonal 3 x 3 matrix is accepted."""
+    R: Annotated[tuple[float, ...], config.Numbers(config.NON_NEGATIVE, 3)] = (0.0, 0.0, 0.0)
+    """Variances of the white noise on x, y and heading; m^2, m^2, rad^2."""
     bias: Annotated[tuple[float, ...], config.Numbers(config.FINITE, 3)] = (0.0, 0.0, 0.0)
     """Constant offset of x, y and heading; m, m, rad."""
     spike_probability: Annotated[float, config.PROBABILITY] = 0.0
@@ -191,16 +191,15 @@ KINDS: dict[str, type] = {kind.__name__: kind for kind in (Kalman, DeadReckoning
 class FilterTuning:
     """A filter, and its assumptions about the robot and its odometry."""
 
-    Q: Annotated[tuple[float, ...], config.variances(5)]
-    """Variances that a step of 0.1 s adds to x, y, theta, v and omega; a step of dt adds dt / 0.1 times as much.
-    A diagonal 5 x 5 matrix is accepted."""
-    R: Annotated[tuple[float, ...], config.variances(3)]
-    """Variances of the measured x, y and heading; m^2, m^2, rad^2. A diagonal 3 x 3 matrix is accepted."""
+    Q: Annotated[tuple[float, ...], config.Numbers(config.NON_NEGATIVE, 5)]
+    """Variances that a step of 0.1 s adds to x, y, theta, v and omega; a step of dt adds dt / 0.1 times as much."""
+    R: Annotated[tuple[float, ...], config.Numbers(config.NON_NEGATIVE, 3)]
+    """Variances of the measured x, y and heading; m^2, m^2, rad^2."""
     from_origin: bool = False
     """Whether the filter starts at the origin with the variances `P0`, instead of at the first measurement with diag(R, 0,
     0)."""
-    P0: Annotated[tuple[float, ...], config.variances(5)] = (0.1, 0.1, 0.1, 1.0, 1.0)
-    """Variances of the initial belief, used with `from_origin`. A diagonal 5 x 5 matrix is accepted."""
+    P0: Annotated[tuple[float, ...], config.Numbers(config.NON_NEGATIVE, 5)] = (0.1, 0.1, 0.1, 1.0, 1.0)
+    """Variances of the initial belief, used with `from_origin`."""
     process: ProcessNoise = field(default_factory=ProcessNoise)
     """Assumed noise of the commanded twist; for v and omega, the larger of this variance and that in `Q` is used."""
     kind: Any = field(default_factory=Kalman)

@@ -159,11 +159,6 @@ def make_noise(noise: str | Path | Mapping[str, Any] | Noise) -> Noise:
     return given(Noise, noise, NOISES, "noise")
 
 
-def make_fix(fix: str | Path | Mapping[str, Any] | FixNoise) -> FixNoise:
-    """Return an external pose sensor: a name in `FIXES`, or what else `turtlebot_gym.config.given` takes."""
-    return given(FixNoise, fix, FIXES, "fix")
-
-
 def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
     """Return a filter tuning.
 

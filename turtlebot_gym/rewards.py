@@ -94,14 +94,14 @@ ON_MISSIONS = *IN_ROOMS, RewardTerm("goal", _goal, 10.0)
 
 
 @cache
-def shares_of(names: tuple[str, ...]) -> Any:
+def _shares_of(names: tuple[str, ...]) -> Any:
     """Return the type of a number for each term: of their weights, and of what each adds to the reward of a step."""
     return namedtuple("Shares", names)  # noqa: PYI024  # a type for each set of names
 
 
 def default_weights(terms: Sequence[RewardTerm]) -> Any:
     """Return the terms' own weights."""
-    return shares_of(tuple(term.name for term in terms))(*(float(term.weight) for term in terms))
+    return _shares_of(tuple(term.name for term in terms))(*(float(term.weight) for term in terms))
 
 
 @cache

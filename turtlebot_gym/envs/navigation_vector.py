@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.loop import FLAGS
-from turtlebot_gym.config import as_int, choose, refusal
+from turtlebot_gym.config import choose, refusal
 from turtlebot_gym.envs import common
 from turtlebot_gym.envs.pictures import Pictures
-from turtlebot_gym.envs.vector import MOST, SeededVectorEnv
+from turtlebot_gym.envs.vector import SeededVectorEnv
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.rooms.worlds import no_way
@@ -26,6 +26,8 @@ _REWARD, _DISTANCE, _SUCCESS = map(Outcome._fields.index, ("reward", "distance",
 _NUMBERS = {"nis": "estimate.nis", "measured": "senses.odometry.measured", "slipping": "body.slipping"}
 """Single numbers of ``info="full"``: the normalized innovation squared of the last measurement, which the policy sees clipped;
 whether a measurement arrived; and whether the wheels slip."""
+DRAWN = 9
+"""Most environments that are drawn."""
 _FEW = 8192  # a BLAS shares the work on longer arrays among threads, which a step must not wake
 
 
@@ -52,8 +54,7 @@ class NavigationVectorEnv(SeededVectorEnv):
             default; the next step ignores the action and returns the new episode's first observation with reward 0),
             SAME_STEP (the same step returns it), or DISABLED (stepping a finished environment is an error).
         info: "default"; "rewards", with what each term adds to the reward; or "full".
-        render_mode: None or "rgb_array".
-        render_rows: Number of environments to draw, from the first.
+        render_mode: None or "rgb_array", for pictures of the first `DRAWN` environments.
         **options: See `NavigationEnv`.
 
     Raises:
@@ -69,11 +70,9 @@ class NavigationVectorEnv(SeededVectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         info: str = "default",
         render_mode: str | None = None,
-        render_rows: int = 9,
         **options: Any,
     ) -> None:
         super().__init__(num_envs, max_episode_steps, autoreset_mode, render_mode, options)
-        render_rows = min(as_int("render_rows", render_rows, 1, MOST), self.num_envs)
         self._tells_shares = choose("info", info, {"default": False, "rewards": True, "full": True})
         p, waypoints, plan, system = self._setup
         self._batch = Batch(self.num_envs, p, waypoints, system=system, plan=plan, shares=self._tells_shares)
@@ -84,7 +83,7 @@ class NavigationVectorEnv(SeededVectorEnv):
         self._told = {key: common.indices_of(self._batch, key, path) for key, path in parts.items()}
         self._batch.select(*self._told.values())
         self._tells_little = not parts and not self._tells_shares
-        self._pictures = Pictures(self._batch, render_mode, rows=render_rows)
+        self._pictures = Pictures(self._batch, render_mode, rows=min(DRAWN, self.num_envs))
         self._done = np.zeros(self.num_envs, np.bool_)
         self._is_any_over = False
         self._everywhere = np.ones(self.num_envs, np.bool_)  # the mask of each key in each step, so nobody may write to it
@@ -213,7 +212,7 @@ class NavigationVectorEnv(SeededVectorEnv):
         return infos | {f"_{key}": has_info for key in infos}
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return a picture, (height, width, 3), of each of the first ``render_rows`` environments, after a reset."""
+        """Return a picture, (height, width, 3), of each of the first `DRAWN` environments, after a reset."""
         return self._pictures.render(self._begun)
 
     def snapshot(self, index: int) -> Snapshot:

@@ -16,7 +16,7 @@ from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.observations import OBSERVED, ObservationTerm
 from turtlebot_gym.observations.reading import read_items
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise
-from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot
+from turtlebot_gym.presets import FIXES, make_filter, make_noise, make_robot
 from turtlebot_gym.rewards import RewardTerm, default_weights
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
@@ -181,7 +181,7 @@ class Options:
         """
         task, waypoints = self.course()
         late, dt = as_int("delay", self.delay, 0, MAX_DELAY), DT.check("dt", self.dt)
-        fix = () if self.fix is None else make_fix(self.fix)
+        fix = () if self.fix is None else given(FixNoise, self.fix, FIXES, "fix")
         if fix and round(fix.delay / dt) > MAX_DEPTH:
             raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {fix.delay!r} s with dt {dt!r} s.")
         noise, robot = make_noise(self.noise), make_robot(self.robot)
@@ -216,11 +216,11 @@ class Options:
 
     def _reward(self) -> tuple[tuple[RewardTerm, ...], dict[str, float]]:
         """Return the reward's terms of one's own, and the weights that are given, by name."""
-        given = {} if self.reward is None else self.reward
-        if not isinstance(given, Mapping) or not all(isinstance(key, (str, RewardTerm)) for key in given):
-            raise refusal("reward", "weights by name, such as {'effort': 0.2}", given)
+        reward = {} if self.reward is None else self.reward
+        if not isinstance(reward, Mapping) or not all(isinstance(key, (str, RewardTerm)) for key in reward):
+            raise refusal("reward", "weights by name, such as {'effort': 0.2}", reward)
         own, weights = list[RewardTerm](), dict[str, float]()
-        for key, weight in given.items():
+        for key, weight in reward.items():
             term = load_object(key) if isinstance(key, str) and ":" in key else key
             if isinstance(term, RewardTerm):
                 own.append(term)

@@ -27,7 +27,7 @@ class Parameters(NamedTuple):
     tuning: FilterTuning
     task: Task
     reward: Any
-    """Weight of each term of the reward, `turtlebot_gym.rewards.shares_of` their names."""
+    """Weight of each term of the reward: `turtlebot_gym.rewards.default_weights`, or others."""
     dt: float
     """Control interval, s."""
     integrator: float
@@ -54,16 +54,7 @@ class RoomParameters(NamedTuple):
 
 
 def make_room(world: RoomRules | FloorPlan, lidar: Lidar, dt: float) -> RoomParameters:
-    """Return the parameters of a room.
-
-    Args:
-        world: The rules by which it is drawn, or its plan.
-        lidar: The robot's LiDAR.
-        dt: Control interval, s.
-
-    Raises:
-        ValueError: If the LiDAR turns more than once per interval.
-    """
+    """Return the parameters of a room by its rules or plan; refuse a LiDAR that turns more than once in ``dt``, s."""
     if lidar.rate * dt > 1.0 + 1e-9:
         raise ValueError(f"Lidar.rate must be at most one scan in a control interval of {dt:g} s, got {lidar.rate:g} Hz.")
     return RoomParameters(world.rules() if isinstance(world, FloorPlan) else world, lidar)
