@@ -26,7 +26,7 @@ from turtlebot_gym.systems.assembly import system_of
 from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.sensors import sensing
 from turtlebot_gym.systems.system import System, course_after
-from turtlebot_gym.systems.world import Judgement, Outcome, Snapshot, outcome_of
+from turtlebot_gym.systems.world import Outcome, Snapshot
 from turtlebot_gym.tasks import distance_to
 from turtlebot_gym.values import Command, Pose
 
@@ -77,23 +77,20 @@ def step_of(system: System) -> Step:
     @kernel
     def conclude(world, moved, key, waypoints, p, scene):
         room = around.look(moved, key, p, scene)  # look: beams, contact, and the way that is left
-        senses, unread = moved.senses, moved.estimate
-        estimate = system.estimate(world.estimate, world.senses, senses, p, room, scene) if system.reads_scan else unread
-        visited, judgement = system.judge(world, moved.body, senses, estimate, waypoints, p)  # judge: arrival, end
-        course = world.course._replace(visited=visited)
-        after = Snapshot(moved.body, senses, estimate, course, moved.steps, room)
-        judgement = around.complete(after, judgement, p)
-        reward, shares = reward_of(world, after, judgement, p)  # reward: a sum of terms
-        return after, outcome_of(reward, judgement, shares)
+        estimate = moved.estimate
+        if system.reads_scan:
+            estimate = system.estimate(world.estimate, world.senses, moved.senses, p, room, scene)
+        after = moved._replace(estimate=estimate, room=room)
+        visited, outcome = system.judge(world, after, waypoints, p)  # judge: arrival, contact, end
+        after = after._replace(course=world.course._replace(visited=visited))
+        reward, shares = reward_of(world, after, outcome, p)  # reward: a sum of terms
+        return after, outcome._replace(reward=reward, shares=shares)
 
     @kernel
     def retarget(world, outcome, key, waypoints, p, scene):
         course = course_after(world.course.visited, waypoints, p.task.laps)
-        distance = distance_to(world.body.true_state, course.reference)
-        reward, _, is_success, terminated, truncated, reached, shares = outcome
-        judgement = Judgement(distance, is_success, terminated, truncated, reached)
-        after, judgement = around.renew(world._replace(course=course), judgement, key, p, scene)
-        return after, outcome_of(reward, judgement, shares)
+        outcome = outcome._replace(distance=distance_to(world.body.true_state, course.reference))
+        return around.renew(world._replace(course=course), outcome, key, p, scene)
 
     return Step(begin, start_outcome, act, conclude, retarget)
 

@@ -25,8 +25,9 @@ class RewardTerm(NamedTuple):
     name: str
     """Its name among the weights, and in ``info``."""
     of: Callable[..., Any]
-    """``of(before, after, judgement, p)``, a kernel, returns its value in a step: it takes `systems.Snapshot` before and after,
-    `systems.Judgement` and `systems.Parameters`. A waypoint that is reached is still the one to reach in ``after``."""
+    """``of(before, after, outcome, p)``, a kernel, returns its value in a step: it takes `systems.Snapshot` before and after,
+    `systems.Outcome` without a reward, and `systems.Parameters`. A waypoint that is reached is still the one to reach in
+    ``after``."""
     weight: float
     """Its weight if the option ``reward`` states no other."""
 
@@ -37,26 +38,26 @@ class RewardTerm(NamedTuple):
 
 
 @kernel
-def _progress(before, after, judgement, p):
+def _progress(before, after, outcome, p):
     """Progress along the path through the waypoints, as a share of what full speed allows in a step."""
     course, truth = before.course, after.body.true_state
-    ahead = remaining(truth, course.reference, course.following, judgement.reached and not by_time(p.task))
+    ahead = remaining(truth, course.reference, course.following, outcome.reached and not by_time(p.task))
     return (distance_to(before.body.true_state, course.reference) - ahead) / (p.robot.max_linear * p.dt)
 
 
 @kernel
-def _progress_in_room(before, after, judgement, p):
+def _progress_in_room(before, after, outcome, p):
     """The same along the shortest path through a room."""
     return (before.room.way - after.room.way) / (p.robot.max_linear * p.dt)
 
 
 @kernel
-def _time(before, after, judgement, p):
+def _time(before, after, outcome, p):
     return -1.0
 
 
 @kernel
-def _effort(before, after, judgement, p):
+def _effort(before, after, outcome, p):
     """Minus the sum of the squared speed and turning rate of the command, as shares of their limits."""
     command = after.body.command
     v, omega = command.v / p.robot.max_linear, command.omega / p.robot.max_angular
@@ -64,25 +65,25 @@ def _effort(before, after, judgement, p):
 
 
 @kernel
-def _success(before, after, judgement, p):
-    return 1.0 if judgement.is_success else 0.0
+def _success(before, after, outcome, p):
+    return 1.0 if outcome.is_success else 0.0
 
 
 @kernel
-def _collision(before, after, judgement, p):
+def _collision(before, after, outcome, p):
     return -1.0 if after.room.collided else 0.0
 
 
 @kernel
-def _nearness(before, after, judgement, p):
+def _nearness(before, after, outcome, p):
     """Minus the share of `NEAR` that the clearance lacks."""
     return -max(1.0 - after.room.clearance / NEAR, 0.0) if not after.room.collided else 0.0
 
 
 @kernel
-def _goal(before, after, judgement, p):
+def _goal(before, after, outcome, p):
     """1 when the robot is at a goal that is not the last one."""
-    there = judgement.reached and not judgement.is_success and not after.room.collided
+    there = outcome.reached and not outcome.is_success and not after.room.collided
     return 1.0 if there and arrived(after.body.true_state, before.course.reference, p.task) else 0.0
 
 
@@ -110,8 +111,8 @@ def rewarding(terms: tuple[RewardTerm, ...]) -> tuple[Callable[..., Any], Any]:
     parts, Shares = tuple((term.name, term.of) for term in terms), type(default_weights(terms))
 
     @kernel
-    def reward_of(before, after, judgement, p):
-        shares = tuple(getattr(p.reward, name) * of(before, after, judgement, p) for name, of in parts)
+    def reward_of(before, after, outcome, p):
+        shares = tuple(getattr(p.reward, name) * of(before, after, outcome, p) for name, of in parts)
         reward = shares[0]
         for share in shares[1:]:
             reward = reward + share

@@ -222,8 +222,8 @@ class Batch:
             actions: Shape (N, 2), finite; clipped to [-1, 1].
 
         Returns:
-            Observations, shape (N, K), and outcomes, shape (m, N), with a row for each field of `Judgement` after one for the
-            reward, and for each term's share if asked for. Both are new arrays.
+            Observations, shape (N, K), and outcomes, shape (m, N), with a row for each field of `Outcome`, shares if asked for.
+            Both are new arrays.
         """
         if actions is not self.given:
             self.given[:] = actions

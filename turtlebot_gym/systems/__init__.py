@@ -7,4 +7,4 @@ from turtlebot_gym.systems.parameters import MAX_DELAY, Parameters, RoomParamete
 from turtlebot_gym.systems.rooms import rooms
 from turtlebot_gym.systems.sensors import ODOMETRY, Sensor
 from turtlebot_gym.systems.system import NOWHERE, RoomParts, System
-from turtlebot_gym.systems.world import Body, Course, Judgement, Outcome, RoomState, Snapshot
+from turtlebot_gym.systems.world import Body, Course, Outcome, RoomState, Snapshot

@@ -20,7 +20,7 @@ from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.sensors import ODOMETRY
 from turtlebot_gym.systems.system import System
-from turtlebot_gym.systems.world import Body, Judgement
+from turtlebot_gym.systems.world import Body, Outcome
 from turtlebot_gym.tasks import TASKS, arrived, believed_to_arrive, by_time, distance_to, draw_goal, due, start_pose
 from turtlebot_gym.values import Command, Pose, State
 
@@ -63,15 +63,15 @@ def _move(body, command, key, at, p):
 
 
 @kernel
-def _judge(world, body, senses, estimate, waypoints, p):
-    """Return the number of waypoints visited, and what the task says of the step.
+def _judge(world, after, waypoints, p):
+    """Return the number of waypoints visited, and the outcome of the step but for its reward.
 
-    It terminates at the last waypoint, unless time switches them, and is truncated at ``max_steps``; a room adds contact in
-    `RoomParts.complete`.
+    It terminates at the last waypoint, unless time switches them, and is truncated at ``max_steps``.
     """
-    task, reference, truth = p.task, world.course.reference, body.true_state
-    steps, visited = world.steps + 1.0, world.course.visited
+    task, reference, truth = p.task, world.course.reference, after.body.true_state
+    steps, visited = after.steps, world.course.visited
     is_there = arrived(truth, reference, task)
+    body, senses, estimate = after.body, after.senses, after.estimate
     reached = believed_to_arrive(observed_state(body, senses, estimate, p), reference, task) if task.on_belief else is_there
     timed, is_due = by_time(task), due(steps, visited, task, p.dt)
     done_with = is_due if timed else reached
@@ -79,7 +79,7 @@ def _judge(world, body, senses, estimate, waypoints, p):
     terminated = visited >= waypoints * task.laps and not timed
     success = terminated and is_there
     truncated = steps >= task.max_steps and not terminated
-    return visited, Judgement(distance_to(truth, reference), success, terminated, truncated, done_with)
+    return visited, Outcome(0.0, distance_to(truth, reference), success, terminated, truncated, done_with)
 
 
 _EXAMPLE = Parameters(

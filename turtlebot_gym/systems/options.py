@@ -8,7 +8,9 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from turtlebot_gym.config import FINITE, LARGEST, as_int, choose, did_you_mean, given, refusal, short_repr, split
+import numpy as np
+
+from turtlebot_gym.config import FINITE, Numbers, as_int, choose, did_you_mean, given, refusal, short_repr, split
 from turtlebot_gym.files import load_object
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.angles import wrap
@@ -55,14 +57,12 @@ class Options:
     """
 
     task: str | Mapping[str, Any] | Task | None = None
-    """What to reach: nav, pose, square, room or mission; in Python also a `turtlebot_gym.Task`, whose finite ``max_steps``
-    truncates too. None for "room" where `world` or `lidar` is given, otherwise for "nav". Registered ids set it."""
+    """What to reach: nav, pose, square, room or mission, or a `turtlebot_gym.Task`, whose finite ``max_steps`` truncates too.
+    None for "room" where `world` or `lidar` is given, otherwise for "nav". Registered ids set it."""
     robot: str | Path | Mapping[str, Any] | Robot = "burger"
-    """Robot: a preset (the names in `turtlebot_gym.ROBOTS`), or a file of your own (FILE.yaml); in Python also a
-    `turtlebot_gym.Robot` or a mapping of its fields."""
+    """Robot: a preset (the names in `turtlebot_gym.ROBOTS`), or a file of your own (FILE.yaml)."""
     noise: str | Path | Mapping[str, Any] | Noise = "tutorial"
-    """Noise: clean, tutorial, documented, wheel, rough, recorded, or a file of your own (FILE.yaml); in Python also a
-    `turtlebot_gym.Noise` or a mapping of its fields."""
+    """Noise: clean, tutorial, documented, wheel, rough, recorded, or a file of your own (FILE.yaml)."""
     filter: str | Path | Mapping[str, Any] | FilterTuning | Callable[..., Any] | object = "matched"
     """Filter: matched, calibrated, tutorial, gated, with an `imu` gyro, a file with Q and R (FILE.yaml),
     or one of your own (MODULE:NAME); in Python also a `turtlebot_gym.FilterTuning`, a mapping of its fields, a class, see
@@ -74,21 +74,17 @@ class Options:
     also a sequence of names and of `turtlebot_gym.ObservationTerm`."""
     fix: str | Path | Mapping[str, Any] | FixNoise | None = None
     """External pose sensor that corrects the filter now and then: beacons, late, localization, markers, motion-capture, or a
-    file of your own (FILE.yaml); in Python also a `turtlebot_gym.FixNoise` or a mapping of its fields. None for none."""
+    file of your own (FILE.yaml). None for none."""
     imu: str | Path | Mapping[str, Any] | ImuNoise | None = None
-    """Gyro, which the filter "gyro" reads: mpu9250, calibrated, or a file of your own (FILE.yaml); in Python also a
-    `turtlebot_gym.systems.sensors.ImuNoise` or a mapping of its fields. None for none."""
+    """Gyro, which the filter "gyro" reads: mpu9250, calibrated, or a file of your own (FILE.yaml). None for none."""
     world: str | World | None = None
     """Rooms only: clutter, dense (the default), corridor, office, cellular, crowd, people, a Gazebo world (FILE.world,
-    FILE.sdf) or a map (FILE.yaml); in Python also a `turtlebot_gym.rooms.rules.RoomRules`, a mapping of its fields, or a
-    `turtlebot_gym.rooms.plan.FloorPlan`."""
+    FILE.sdf) or a map (FILE.yaml), or a `turtlebot_gym.rooms.plan.FloorPlan`."""
     lidar: str | Path | Mapping[str, Any] | Lidar | None = None
-    """Rooms only: lds01 (the default), lds02, a1, urg04lx, ideal, or a file of your own (FILE.yaml); in Python also a
-    `turtlebot_gym.rooms.lidar.Lidar` or a mapping of its fields."""
+    """Rooms only: lds01 (the default), lds02, a1, urg04lx, ideal, or a file of your own (FILE.yaml)."""
     localizer: str | Path | Mapping[str, Any] | LocalizerTuning | None = None
     """Localizer, which corrects the belief by scans in the room's map; rooms with wheel odometry only: match, robot, or a file
-    of your own (FILE.yaml); in Python also a `turtlebot_gym.localization.tuning.LocalizerTuning` or a mapping of its fields.
-    None for none."""
+    of your own (FILE.yaml). None for none."""
     start: str | None = None
     """With a localizer only: known, the localizer begins at the first measurement, or unknown, it looks for the robot in the
     whole map; None for the task's own, which is known."""
@@ -253,13 +249,10 @@ class Options:
 
 
 def _poses(waypoints: Any) -> tuple[Pose, ...]:
-    try:
-        poses = tuple(Pose(*map(float, waypoint)) for waypoint in waypoints)
-    except (TypeError, ValueError):
-        poses = ()
-    if not poses or not all(abs(number) <= LARGEST for pose in poses for number in pose):
-        raise refusal("waypoints", f"one or more finite poses (x, y, theta), at most {LARGEST:g} m away", waypoints)
-    return tuple(Pose(pose.x, pose.y, wrap(pose.theta)) for pose in poses)
+    if not isinstance(waypoints, (list, tuple, np.ndarray)) or not len(waypoints):
+        raise refusal("waypoints", "one or more poses (x, y, theta)", waypoints)
+    poses = (Numbers(FINITE, 3).check(f"waypoints[{at}]", pose) for at, pose in enumerate(waypoints))
+    return tuple(Pose(x, y, wrap(theta)) for x, y, theta in poses)
 
 
 def make_parameters(task: str | Task | None = None, **options: Any) -> Parameters:

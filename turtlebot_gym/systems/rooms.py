@@ -76,18 +76,6 @@ def _look_round(world, key, p, scene):
     )
 
 
-@kernel
-def _complete(world, judgement, p):
-    """Judge contact."""
-    collided = world.room.collided
-    terminated = judgement.terminated or collided
-    return judgement._replace(
-        is_success=judgement.is_success and not collided,
-        terminated=terminated,
-        truncated=judgement.truncated and not terminated,
-    )
-
-
 def _make(parameters: Sequence[Parameters]) -> Scene:
     """Return arrays for the largest room and LiDAR of some parameters."""
     rules, lidars = {row.room.rules for row in parameters}, {row.room.lidar for row in parameters}
@@ -108,10 +96,21 @@ def _make(parameters: Sequence[Parameters]) -> Scene:
 def rooms(filter: Filter) -> System:
     """Return the system of rooms with a filter."""
     plain = open_ground(filter)
+    judge_arrival = plain.judge
+
+    @kernel
+    def judge(world, after, waypoints, p):
+        visited, outcome = judge_arrival(world, after, waypoints, p)
+        collided = after.room.collided
+        terminated = outcome.terminated or collided
+        success, truncated = outcome.is_success and not collided, outcome.truncated and not terminated
+        return visited, outcome._replace(is_success=success, terminated=terminated, truncated=truncated)
+
     return plain._replace(
         lay_out=_lay_out,
+        judge=judge,
         terms=ROOM,
         rewards=IN_ROOMS,
         example=plain.example._replace(room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])),
-        surroundings=RoomParts(_make, scene_at, _first_look, _look_round, _complete),
+        surroundings=RoomParts(_make, scene_at, _first_look, _look_round),
     )

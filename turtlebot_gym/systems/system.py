@@ -1,6 +1,6 @@
 """A system: the kernels of one step, and the step assembled from them.
 
-    move -> sense -> estimate -> look -> judge -> complete -> reward -> renew -> observe
+    move -> sense -> estimate -> look -> judge -> reward -> renew -> observe
 
 "Look" works on the surroundings in arrays, a scene: ranges and collisions. Open ground has none, and its step runs without
 branches for a whole tile of environments; in rooms what follows "estimate" runs one by one. A filter that reads the scan
@@ -39,10 +39,8 @@ class RoomParts(NamedTuple):
     """``first_look(world, key, p, scene)`` returns `Snapshot.room` at the start."""
     look: Callable[..., Any]
     """``look(world, key, p, scene)`` moves what moves in the scene, measures ranges, and returns the new `Snapshot.room`."""
-    complete: Callable[..., Any]
-    """``complete(world, judgement, p)`` returns the judgement of a step, completed by what `look` has found."""
-    renew: Callable[..., Any] = kernel(lambda world, judgement, key, p, scene: (world, judgement))
-    """``renew(world, judgement, key, p, scene)`` ends a step in which a goal was reached: it returns world and judgement, in
+    renew: Callable[..., Any] = kernel(lambda world, outcome, key, p, scene: (world, outcome))
+    """``renew(world, outcome, key, p, scene)`` ends a step in which a goal was reached: it returns world and outcome, in
     missions with the next goal."""
 
 
@@ -51,7 +49,6 @@ NOWHERE = RoomParts(
     at=kernel(lambda scenes, index: ()),
     first_look=kernel(lambda world, key, p, scene: ()),
     look=kernel(lambda world, key, p, scene: ()),
-    complete=kernel(lambda world, judgement, p: judgement),
 )
 """What stands for surroundings on open ground."""
 
@@ -74,8 +71,8 @@ class System(NamedTuple):
     """``estimate(estimate, before, senses, p)`` returns the filter's estimate after a step; with `reads_scan`,
     ``estimate(estimate, before, senses, p, room, scene)``."""
     judge: Callable[..., Any]
-    """``judge(world, body, senses, estimate, waypoints, p)`` returns the waypoints visited and the `Judgement` of a step that
-    led from ``world`` to the new body, senses and estimate; ``waypoints`` is their number."""
+    """``judge(world, after, waypoints, p)`` returns the waypoints visited and the `Outcome`, without its reward, of a step that
+    led from ``world`` to ``after``, whose course is still that before; ``waypoints`` is their number."""
     rewards: tuple[RewardTerm, ...]
     """The terms of the reward; their weights are `Parameters.reward`."""
     terms: tuple[ObservationTerm, ...]

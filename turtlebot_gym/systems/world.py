@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from turtlebot_gym.kernel import kernel
 from turtlebot_gym.values import Command, Pose, State
 
 
@@ -68,9 +67,10 @@ class Snapshot(NamedTuple):
     """State of the robot in its room, `RoomState`; an empty tuple on open ground."""
 
 
-class Judgement(NamedTuple):
-    """What the task says of a step."""
+class Outcome(NamedTuple):
+    """Result of a step besides the observation; reward and shares are known last, from the others."""
 
+    reward: float
     distance: float
     """True distance to the waypoint to reach, m."""
     is_success: bool
@@ -78,23 +78,5 @@ class Judgement(NamedTuple):
     truncated: bool
     reached: bool
     """Whether a waypoint was completed and the next one became current."""
-
-
-class Outcome(NamedTuple):
-    """Result of a step besides the observation."""
-
-    reward: float
-    distance: float
-    """As in `Judgement`, like the next four."""
-    is_success: bool
-    terminated: bool
-    truncated: bool
-    reached: bool
-    shares: Any
+    shares: Any = ()
     """What each term adds to the reward, a field for each, see `turtlebot_gym.rewards`."""
-
-
-@kernel
-def outcome_of(reward: float, judgement: Judgement, shares: Any) -> Outcome:
-    """Return the outcome of a step."""
-    return Outcome(reward, *judgement, shares)
