@@ -148,14 +148,13 @@ def is_free(scene: Scene, x: float, y: float) -> bool:
 
 
 @kernel
-def _sweep(lengths, least, rows: int, backwards: bool) -> bool:
+def _sweep(lengths, least, first: int, last: int, step: int) -> bool:
     """Extend the paths of each row by a step to the next, row by row, and return whether any length became shorter.
 
     A row depends only on the row before it, so LLVM vectorizes the inner loop.
     """
-    shorter, step = False, -1 if backwards else 1
-    for k in range(rows):
-        row = rows - k if backwards else k + 1
+    shorter = False
+    for row in range(first, last, step):
         shorter = _relax(lengths[row], lengths[row - step], least[row]) | shorter
     return shorter
 
@@ -181,8 +180,15 @@ def spread(scene: Scene, x: float, y: float) -> None:
     lengths[row + 1, column + 1] = _HERE
     sweep, unchanged = 0, 0
     while unchanged < 4:
-        backwards = sweep % 2 == 1
-        shorter = _sweep(lengths, least, rows, backwards) if sweep % 4 < 2 else _sweep(lengths.T, least.T, columns, backwards)
+        direction = sweep % 4
+        if direction == 0:
+            shorter = _sweep(lengths, least, 1, rows + 1, 1)
+        elif direction == 1:
+            shorter = _sweep(lengths, least, rows, 0, -1)
+        elif direction == 2:
+            shorter = _sweep(lengths.T, least.T, 1, columns + 1, 1)
+        else:
+            shorter = _sweep(lengths.T, least.T, columns, 0, -1)
         unchanged = 0 if shorter else unchanged + 1
         sweep += 1
     for row in range(rows):
