@@ -89,8 +89,7 @@ def nonsense(seed):
     return lambda scan: scan._replace(ranges=rng.uniform(0.2, 3.0, 360).astype(np.float32))
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("when_lost", ["stop", "drive"])
+@pytest.mark.parametrize("when_lost", ["stop", pytest.param("drive", marks=pytest.mark.slow)])
 def test_a_lost_robot_stops_unless_told_otherwise(drive, when_lost):
     loop = drive(when_lost=when_lost)
     loop.go(2.0)
