@@ -1,4 +1,4 @@
-"""The ROS package around the modules: its files agree with the code, colcon builds it, and the wheel holds it."""
+"""The ROS package: its nodes' parameters, files that agree with the code, what colcon builds, and what the wheel holds."""
 
 import re
 import shutil
@@ -13,6 +13,9 @@ import pytest
 import yaml
 
 from cmd_vel_guard import parameters, standby
+from turtlebot_gym.config import rules
+from turtlebot_gym.docstrings import texts_of
+from turtlebot_gym_ros.__main__ import main
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.nodes import BLOCKS, NODES, load
 from turtlebot_gym_ros.recording import logger
@@ -32,6 +35,50 @@ def parameters_of(name):
     """Return the names of a node's parameters."""
     kinds = (Common, SHELLS[name].Params) if name in SHELLS else (OTHERS[name].Parameters,)
     return {item.name for kind in kinds for item in fields(kind)}
+
+
+@pytest.mark.parametrize("node", [*BLOCKS, "data_logger", "cmd_vel_guard"])
+def test_every_float_has_a_rule_and_every_parameter_a_description(node):
+    """How they become ROS parameters, the guard's tests show."""
+    kind = SHELLS[node].Params if node in SHELLS else OTHERS[node].Parameters
+    assert texts_of(kind).keys() == {item.name for item in fields(kind)}
+    assert {item.name for item in fields(kind) if isinstance(item.default, float)} <= rules(kind).keys()
+
+
+REFUSED = [
+    ("velocity_controller", {"policy": "clever"}, "clever"),
+    ("velocity_controller", {"goal_tolerance": 0.005}, "goal_tolerance must be 0, or at least 0.01 m"),
+    ("kalman_filter", {"filter": "gyro"}, "filter 'gyro' reads the sensor 'imu'"),
+    ("kalman_filter", {"max_gap": 0.05}, "period must be at most max_gap, 0.05 s, got 0.1"),
+    ("turtlebot_simulator", {"goals": 2}, "goals must be 0 without a world"),
+    ("turtlebot_simulator", {"world": "dense", "lidar": "ideal", "period": 0.2}, "at most one scan in a control interval"),
+    ("waypoint_generator", {"waypoints": "/nowhere.yaml"}, "got '/nowhere.yaml'"),
+]
+
+
+@pytest.mark.parametrize(("node", "given", "said"), REFUSED)
+def test_what_a_block_cannot_do_is_refused(node, given, said):
+    with pytest.raises(ValueError, match=re.escape(said)):
+        SHELLS[node](SHELLS[node].Params(**given))
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (["flight_controller"], "there is no node 'flight_controller'"),
+        (["velocity_controller", "--ros-args", "-p", "polcy:=bearing"], "Did you mean 'policy'?"),
+        (["kalman_filter", "--ros-args", "-p", "lock_step:=true", "-p", "twist:=commanded"], "lock_step must be false"),
+        (["kalman_filter", "filter:=matched"], "unknown argument 'filter:=matched'"),
+        (["bringup", "--policy", "nope.onnx"], "No such file or directory: 'nope.onnx'"),
+    ],
+)
+def test_what_is_wrong_is_one_clear_line_and_exit_code_2(capsys, argv, said):
+    assert main(argv) == 2
+    captured = capsys.readouterr()
+    (line,) = captured.err.splitlines()
+    assert line.startswith("error: ")
+    assert said in line
+    assert not captured.out
 
 
 def test_the_configuration_names_nodes_and_parameters_that_exist_and_moves_nothing_before_it_is_enabled():

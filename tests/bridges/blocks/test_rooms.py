@@ -1,5 +1,6 @@
-"""The blocks in a room, in a ``for`` loop: what they hand to each other is the environment's to the bit."""
+"""The blocks in a room, in a ``for`` loop: a frozen LiDAR, and the map of a drawn room."""
 
+import numpy as np
 import pytest
 
 import turtlebot_gym  # noqa: F401  # registers the environments
@@ -32,3 +33,15 @@ def test_a_policy_does_not_drive_by_a_frozen_lidar(lidar):
         if k == 41:
             assert command == STOP
             assert "the LiDAR is frozen" in controller.notice
+
+
+def test_a_drawn_room_has_the_map_of_the_environments_localizer_anew_in_each_episode():
+    node = TurtlebotSimulator(TurtlebotSimulator.Params(world="dense", noise="wheel", localizer="match", goals=2, seed=3))
+    fields = []
+    for _ in range(2):
+        field = node.step(0.1, None)["map"].field()
+        np.testing.assert_array_equal(field, node._episode.scene.memory.field)
+        assert "map" not in node.step(0.1, None)
+        fields.append(field)
+        node.reset()
+    assert (fields[0] != fields[1]).any()
