@@ -147,11 +147,10 @@ def test_a_bundle_does_not_reveal_the_machine_it_was_made_on(tmp_path):
     BundlePolicy(tmp_path / "policy.onnx")
 
 
-@pytest.mark.sample(3)
 @pytest.mark.parametrize("name", [field.name for field in fields(Card)])
 def test_a_malformed_card_is_refused_in_one_line(bundle, name):
     original = bundle.read_bytes()
-    for wrong in (None, 3, -1.0, 0, "x", "", [], [1], True, float("nan"), float("inf"), 1e300):
+    for wrong in (None, -1.0, "x", [1], True, float("nan")):
         bundle.write_bytes(original)
         kept = metadata(bundle)["card"][name]
         if wrong == kept or (isinstance(kept, str) and name in ("env", "noise", "filter") and isinstance(wrong, str)):

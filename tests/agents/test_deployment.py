@@ -77,7 +77,6 @@ PLACES = {
 }
 
 
-@pytest.mark.sample(1)
 @pytest.mark.parametrize("place", PLACES)
 def test_its_actions_are_those_of_the_environments_loop_to_the_last_bit(place):
     """Through several episodes, with drop-outs of the odometry and bursts of slip."""

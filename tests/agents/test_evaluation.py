@@ -92,17 +92,20 @@ def by_hand(policy: str, seed: int, *, env: str, **options) -> dict[str, float]:
     return numbers
 
 
-@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("policy", "options"),
     [
         ("bearing", {"env": NAV}),
-        ("bearing", {"env": NAV, "observation": "odometry", "noise": "rough"}),
-        ("bearing", {"env": NAV, "arrival": "belief", "robot": "tutorial", "dt": 0.05}),
-        ("proportional", {"env": NAV, "noise": "documented", "observation": "truth"}),
-        ("bearing", {"env": SQUARE, "laps": 2}),
-        ("proportional", {"env": SQUARE, "switch": "time", "robot": "tutorial", "filter": "tutorial"}),
-        ("bearing", {"env": ROOMS, "world": "dense", "lidar": "ideal"}),
+        ("proportional", {"env": NAV, "observation": "odometry", "noise": "rough"}),
+        *(
+            pytest.param(policy, options, marks=pytest.mark.slow)
+            for policy, options in (
+                ("bearing", {"env": NAV, "arrival": "belief", "robot": "tutorial", "dt": 0.05}),
+                ("bearing", {"env": SQUARE, "laps": 2}),
+                ("proportional", {"env": SQUARE, "switch": "time", "robot": "tutorial", "filter": "tutorial"}),
+                ("bearing", {"env": ROOMS, "world": "dense", "lidar": "ideal"}),
+            )
+        ),
     ],
 )
 def test_an_episode_is_that_of_the_scalar_environment(policy, options):

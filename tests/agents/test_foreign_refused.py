@@ -106,7 +106,6 @@ REFUSED = {
 }
 
 
-@pytest.mark.sample(5)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_a_bundle_would_lack_is_refused_with_the_cause(tmp_path, case):

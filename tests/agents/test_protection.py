@@ -123,15 +123,13 @@ def reckless(seed):
     return drive
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("delay", [1, 2])
+@pytest.mark.parametrize("delay", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_within_the_layer_no_robot_touches_a_post_if_a_stop_was_possible(delay):
     """150 reckless robots among posts that stand still, with a perfect LiDAR, whose commands are a step late or two."""
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0), delay=delay) > 0.0
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("delay", [1, 2])
+@pytest.mark.parametrize("delay", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_within_the_layer_no_robot_touches_a_post_that_came_too_near_for_the_lidar(delay, monkeypatch):
     """An LDS-02 sees nothing below 0.16 m; without a memory of such posts the robots touch them."""
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0, lidar_x=0.0), delay=delay, blind=0.16) > 0.0
@@ -139,7 +137,6 @@ def test_within_the_layer_no_robot_touches_a_post_that_came_too_near_for_the_lid
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0, lidar_x=0.0), delay=delay, blind=0.16) < -0.01
 
 
-@pytest.mark.sample(1)
 @pytest.mark.parametrize("forward", [0.0, 0.5])
 def test_robots_that_sway_in_quick_turns_touch_a_post_only_within_a_layer_that_takes_their_motion_for_exact(forward):
     """150 robots that turn at full rate for two seconds, on the spot and on an arc, with the noise `wheel`, a step late."""

@@ -118,8 +118,7 @@ WALL = 0.8
 """Distance of a wall ahead of a robot that stands in the open, m."""
 
 
-@pytest.mark.sample(8)
-@pytest.mark.parametrize("margin", [0.0, 0.08])
+@pytest.mark.parametrize("margin", [0.0, pytest.param(0.08, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("policy", ["vfh", "planner", "ppo-rooms"])
 @pytest.mark.parametrize("view", [view for view in VIEWS if view != "all around"])
 def test_no_policy_touches_a_wall_before_its_goal(view, policy, margin):
