@@ -1,18 +1,20 @@
-"""Each code block of the documentation and of the README is run or checked."""
+"""Each code block of the documentation and of the README is run or checked; CONTRIBUTING's recipes to the letter."""
 
+import os
 import re
 import subprocess
 import sys
 import warnings
 from pathlib import Path
 from types import ModuleType
+from typing import NamedTuple
 from unittest.mock import patch
 
 import gymnasium as gym
 import pytest
 import tomllib
 import yaml
-from pages import PAGES, ROOT, blocks_of, environment
+from markdown_it import MarkdownIt
 
 import turtlebot_gym
 
@@ -22,8 +24,32 @@ with warnings.catch_warnings():
     pytest.importorskip("rosidl_generator_py", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+class Block(NamedTuple):
+    kind: str
+    title: str
+    text: str
+    line: int
+
+
+def blocks_of(path):
+    """Return the code blocks of a page; a title is the name of the file that a block is."""
+    blocks = []
+    for token in MarkdownIt("commonmark").parse(path.read_text(encoding="utf-8")):
+        if token.type == "fence":
+            kind, _, rest = token.info.partition(" ")
+            title = rest.removeprefix('title="').removesuffix('"')
+            assert rest in ("", f'title="{title}"'), f"{path}: {token.info}"
+            assert token.map is not None
+            blocks.append(Block(kind, title, token.content, token.map[0] + 1))
+    return blocks
+
+
 LONG = {"README", "belief", "rooms", "calibrate", "study", "filter", "fix", "libraries", "policy", "python", "robot", "train"}
-LONG |= {"watch", "gallery", "start", "tutorial"}
+LONG |= {"watch", "gallery", "start", "task", "tutorial"}
 """Pages whose blocks train, or compile systems that the other tests do not need; they run in `make test-all`."""
 QUICK = {
     "evaluate": {"episodes": "5"},
@@ -50,7 +76,10 @@ def shortened(line):
 def run(text):
     """Run a bash block, shortened."""
     script = "\n".join(map(shortened, text.splitlines()))
-    done = subprocess.run(["bash", "-euo", "pipefail", "-c", script], env=environment(), capture_output=True, text=True)
+    search = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", script], env=os.environ | {"PATH": search}, capture_output=True, text=True
+    )
     assert done.returncode == 0, f"{script}\n{done.stdout}\n{done.stderr}"
 
 
@@ -60,7 +89,6 @@ def write_drive(path):
     path.write_text("\n".join(["t,vx,gyro,px,py,theta", *rows]))
 
 
-@pytest.mark.sample(5)
 @pytest.mark.parametrize(
     "path",
     [pytest.param(path, marks=[pytest.mark.slow] * (path.stem in LONG), id=path.stem) for path in PAGES if blocks_of(path)],
@@ -84,7 +112,9 @@ def test_code_blocks_work(path, tmp_path, monkeypatch):
                 text = block.text
                 for pattern, short in SHORT.items() if path.stem == "python" else ():
                     text = re.sub(pattern, short, text)
-                exec(compile("\n" * block.line + text, path, "exec"), vars(page))
+                code = tmp_path / f"line_{block.line}.py"  # kernels are compiled from their file
+                code.write_text("\n" * block.line + text)
+                exec(compile(code.read_text(), code, "exec"), vars(page))
             elif block.kind == "bash":
                 run(block.text)
             elif block.kind == "yaml":
@@ -96,3 +126,51 @@ def test_python_blocks_of_every_page_are_valid(path):
     for block in blocks_of(path):
         if block.kind == "python":
             compile("\n" * block.line + block.text, path, "exec")
+
+
+# The recipes: their files stand beside the package's own.
+
+CONTRIBUTING = ROOT / "CONTRIBUTING.md"
+PRELUDE = """
+import importlib
+for package in {packages!r}:
+    name = package.replace("/", ".")
+    module = importlib.import_module(name)
+    module.__path__.append({root!r} + "/" + package)
+for line, text in {blocks!r}:
+    exec(compile("\\n" * line + text, {page!r}, "exec"))
+"""
+
+
+def recipe(heading):
+    """Return the code blocks below a heading, of which one must assert what the recipe promises."""
+    lines = CONTRIBUTING.read_text(encoding="utf-8").splitlines()
+    first = lines.index(f"### {heading}") + 1
+    after = next((number for number, line in enumerate(lines[first:], first) if line.startswith("### ")), len(lines))
+    blocks = [block for block in blocks_of(CONTRIBUTING) if first < block.line <= after]
+    assert any("assert " in block.text for block in blocks if not block.title), heading
+    return blocks
+
+
+@pytest.mark.parametrize(
+    ("headings", "plain"),
+    [
+        (["A sensor", "A filter"], 1),
+        (["A plant"], 1),
+        pytest.param(["A sensor", "A filter"], 0, marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
+def test_a_recipe_works_to_the_letter(headings, plain, tmp_path):
+    """Its files are written, and its other blocks run in one process, in plain Python or compiled."""
+    blocks = [block for heading in headings for block in recipe(heading)]
+    files = {block.title: block.text for block in blocks if block.title}
+    for title, text in files.items():
+        (tmp_path / title).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / title).write_text(text, encoding="utf-8")
+    packages = sorted({title.rpartition("/")[0] for title in files})
+    run = [(block.line, block.text) for block in blocks if not block.title]
+    script = PRELUDE.format(packages=packages, root=str(tmp_path), blocks=run, page=str(CONTRIBUTING))
+    command, given = [sys.executable, "-W", "error", "-c", script], os.environ | {"TURTLEBOT_GYM_PLAIN": str(plain)}
+    done = subprocess.run(command, cwd=ROOT, env=given, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
