@@ -1,13 +1,16 @@
-"""The judge of the injected faults fails closed, the stand-in for a driver moves as physics says, and its lies can be seen."""
+"""Every benchmark can be imported; the judge of the injected faults fails closed, and its driver's lies can be seen."""
 
 import math
 import random
+from importlib import import_module
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from faults import CHAIN, FAULTS, GROUPS, counts_of, kinds_of
 from faults_lies import FROM_THE_START, FROM_THEN_ON, TURNING
@@ -15,7 +18,13 @@ from faults_record import AGE, OVERDUE, Record
 from faults_walls import WIDTHS, silent
 from faults_world import ANGLES, CENTER_X, HALL, LIDAR_X, RADIUS, ROUGHNESS, Driver, World, advance, away
 
+SCRIPTS = sorted(path.stem for path in (Path(__file__).parents[2] / "benchmarks").glob("*.py"))
 SUSPENDED, CONTINUED, END = 10.0, 12.0, 14.0
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_a_benchmark_can_be_imported(name):
+    import_module(name)
 
 
 def judge(*heard):
