@@ -1,11 +1,14 @@
 """A ROS domain for each test process, so that its kernels and nodes receive no messages from others; hypothesis' profile.
 
-Also the comparison of a batch with plain Python, and files of maps, for tests of all areas.
+Also the comparison of a batch with plain Python, files of maps, and programs in processes of their own.
 """
 
 import gc
+import json
 import os
 import socket
+import subprocess
+import sys
 
 # Three test processes share the cores: threads of small products of matrices would only wait for each other.
 os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -128,6 +131,20 @@ def _write_map(folder, pixels=EMPTY, *, image="map.pgm", **given):
 def write_map():
     """Return a function that writes a map, by default of an empty hall."""
     return _write_map
+
+
+@pytest.fixture(scope="session")
+def run():
+    """Return a function that runs a program in a Python of its own, and returns what it prints last as JSON."""
+
+    def run(program, *arguments, path=None, **environment):
+        command = [sys.executable, "-W", "error", "-c", program, *map(str, arguments)]
+        given = {key: str(value) for key, value in environment.items()} | ({"PYTHONPATH": str(path)} if path else {})
+        done = subprocess.run(command, env=os.environ | given, capture_output=True, text=True, cwd=path, timeout=300)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout.splitlines()[-1])
+
+    return run
 
 
 def pytest_unconfigure():

@@ -7,7 +7,6 @@ import sys
 
 import numpy as np
 import own_parts
-import own_terms
 import pytest
 from matplotlib.figure import Figure
 
@@ -151,10 +150,10 @@ def test_a_model_of_another_library_becomes_a_bundle(tmp_path):
     import torch
 
     model = torch.nn.Sequential(torch.nn.Linear(14, 2), torch.nn.Tanh())
-    own = {"observation": ("ekf", own_terms.SPEEDOMETER), "filter": own_parts.Extended, "reward": {own_parts.SPIN: 1.0}}
+    own = {"observation": ("ekf", own_parts.SPEEDOMETER), "filter": own_parts.Extended, "reward": {own_parts.SPIN: 1.0}}
     exported = export(model, str(tmp_path / "own.onnx"), env="pose", noise="clean", steps=20, **own)
     assert exported.card.env == "turtlebot_gym/TurtleBotPose-v0"
-    assert exported.card.terms[-1]["source"] == "own_terms:SPEEDOMETER"
+    assert exported.card.terms[-1]["source"] == "own_parts:SPEEDOMETER"
     assert re.fullmatch(rf"{re.escape(str(exported.policy))}: .* bytes, for .*Pose-v0; its actions differ .*", str(exported))
     del own["reward"]  # which no number of an evaluation depends on
     assert evaluate(exported, env="pose", noise="clean", episodes=2, **own).label == str(exported.policy)

@@ -15,8 +15,8 @@ from turtlebot_gym_agents.training.train import train
 
 NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
 CASES = {
-    "bumper": (ROOMS, "ekf,scan*2,own_terms:BUMPER"),
-    "speedometer": (NAV, "ekf,own_terms:SPEEDOMETER"),
+    "bumper": (ROOMS, "ekf,scan*2,own_parts:BUMPER"),
+    "speedometer": (NAV, "ekf,own_parts:SPEEDOMETER"),
 }
 
 
@@ -30,7 +30,6 @@ def trained(request, tmp_path_factory):
     return request.param, env, observation, folder / "run" / "policy.onnx"
 
 
-@pytest.mark.sample(1)
 def test_the_card_names_the_terms_and_a_bundle_drives_where_they_are_observed(trained):
     name, env, observation, bundle = trained
     term = BundlePolicy(bundle).card.terms[-1]
@@ -99,7 +98,7 @@ def test_rules_and_their_safety_layer_read_their_terms_in_any_observation():
     options = {"env": ROOMS, "episodes": 6, "seed": 3}
     for name in ("vfh", "vfh+safety", "bearing+safety"):
         plain = evaluate(name, **options)
-        other = evaluate(name, observation="own_terms:BUMPER,scan_age,scan*2,next_goal,uncertainty,twist,goal", **options)
+        other = evaluate(name, observation="own_parts:BUMPER,scan_age,scan*2,next_goal,uncertainty,twist,goal", **options)
         np.testing.assert_array_equal(plain.episodes.time, other.episodes.time)
         np.testing.assert_array_equal(plain.episodes.success, other.episodes.success)
     with pytest.raises(ValueError, match="vfh: it reads 'twist', which is not in the observation goal,scan"):

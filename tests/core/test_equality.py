@@ -1,7 +1,7 @@
 """What is trained is what is deployed: plain Python and every row of a compiled batch agree to the last bit.
 
 The reference is the transition as plain Python on floats, driven by the actions that the batch was given. Vector environments
-are compared with scalar ones in `test_vector_contract`, and both with plain Python in `tests/golden`.
+are compared with scalar ones in `test_vector`, and both with plain Python in `tests/golden`.
 """
 
 from dataclasses import replace

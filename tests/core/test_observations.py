@@ -15,9 +15,9 @@ from turtlebot_gym.systems import Options
 NAV, ROOMS, MISSIONS = (f"turtlebot_gym/TurtleBot{task}-v0" for task in ("Nav", "Rooms", "Missions"))
 LOCALIZED = {"world": "office", "noise": "wheel", "localizer": "match"}
 OBSERVED = {
-    "a speedometer": (NAV, "ekf,own_terms:SPEEDOMETER", {}, 14),
-    "terms in another order": (ROOMS, "scan_age,scan*2@2,goal,twist*3,own_terms:BUMPER*2", {}, 1 + 72 + 5 + 6 + 2),
-    "a term of the room": (MISSIONS, "located,own_terms:GAPS", LOCALIZED, 56),
+    "a speedometer": (NAV, "ekf,own_parts:SPEEDOMETER", {}, 14),
+    "terms in another order": (ROOMS, "scan_age,scan*2@2,goal,twist*3,own_parts:BUMPER*2", {}, 1 + 72 + 5 + 6 + 2),
+    "a term of the room": (MISSIONS, "located,own_parts:GAPS", LOCALIZED, 56),
     "a few": (NAV, ["goal", "twist"], {"noise": "rough", "filter": "gated"}, 7),
 }
 
@@ -65,10 +65,10 @@ def test_a_history_shows_what_was_seen_before_and_at_first_the_first():
 
 
 def test_an_environment_with_own_terms_passes_gymnasiums_checks_and_is_made_again():
-    env = gym.make(ROOMS, observation="ekf,own_terms:BUMPER")
+    env = gym.make(ROOMS, observation="ekf,own_parts:BUMPER")
     check_env(env.unwrapped, skip_render_check=True)
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
-    assert json.loads(env.spec.to_json())["kwargs"]["observation"] == "ekf,own_terms:BUMPER"
+    assert json.loads(env.spec.to_json())["kwargs"]["observation"] == "ekf,own_parts:BUMPER"
     np.testing.assert_array_equal(env.reset(seed=5)[0], again.reset(seed=5)[0])
 
 
@@ -81,7 +81,7 @@ def test_an_environment_with_own_terms_passes_gymnasiums_checks_and_is_made_agai
         (NAV, "ekf,goal", "observation has the term 'goal' twice"),
         (NAV, "ekf,json:dumps", "observation 'json:dumps' must be a turtlebot_gym.observations.ObservationTerm"),
         (ROOMS, "scan", "observation must have a term beside 'scan'"),
-        (ROOMS, "ekf,own_terms:SHORT", "the term 'short' has bounds of 2 numbers, but its kernel returns 1"),
+        (ROOMS, "ekf,own_parts:SHORT", "the term 'short' has bounds of 2 numbers, but its kernel returns 1"),
         (NAV, "ekf,twist*101", "length must be a whole number from 1 to 100, got 101"),
     ],
 )
@@ -111,7 +111,7 @@ def test_terms_are_found_by_name_wherever_they_stand():
 
 @pytest.mark.parametrize("rows", [1, 20])
 def test_a_term_that_cannot_be_compiled_lets_all_run_as_plain_python_with_the_same_bits(rows):
-    plain, compiled = (gym.make_vec(NAV, num_envs=rows, observation=named) for named in ("ekf,own_terms:WRITTEN", "ekf"))
+    plain, compiled = (gym.make_vec(NAV, num_envs=rows, observation=named) for named in ("ekf,own_parts:WRITTEN", "ekf"))
     with pytest.warns(RuntimeWarning, match="run as plain Python"):
         seen = plain.reset(seed=3)[0]
     shown = compiled.reset(seed=3)[0]

@@ -5,7 +5,6 @@ import math
 import gymnasium as gym
 import numpy as np
 import own_parts
-import own_terms
 import pytest
 
 from turtlebot_gym import Episode, ObservationTerm, make_filter, make_noise, make_parameters
@@ -43,13 +42,13 @@ def test_environments_take_a_system_by_name():
     [
         ({"filter": "own_parts:Missing"}, "module 'own_parts' has no attribute 'Missing'"),
         ({"filter": "no_such_module:Filter"}, "No module named 'no_such_module'"),
-        ({"filter": "own_parts:nothing"}, "filter must be a tuning, or what makes one, got 3"),
+        ({"filter": "own_parts:NUMBER"}, "filter must be a tuning, or what makes one, got 3"),
         ({"filter": "own_parts:Small"}, "own_parts:Small: x must hold 5 finite numbers"),
         ({"filter": "gyro"}, "filter 'gyro' reads the sensor 'imu'"),
         ({"dt": 1e-4, "fix": "late"}, "fix must come at most 25 steps late"),
         ({"waypoints": [(1.0, 0.0, 0.0)]}, "waypoints"),
         ({"reward": {"tim": 1.0}}, "reward .*'tim'.* Did you mean 'time'"),
-        ({"system": "own_parts:nothing"}, "system must be a System, a function of the parameters that returns one, .* got 3"),
+        ({"system": "own_parts:NUMBER"}, "system must be a System, a function of the parameters that returns one, .* got 3"),
         (
             {"observation": ("ekf", ObservationTerm("hidden", kernel(lambda world, p: 0.0), -1.0, 1.0))},
             "the term 'hidden' must be at the top level of its module",
@@ -63,7 +62,7 @@ def test_what_cannot_be_or_does_not_go_together_is_refused(options, message):
         gym.make(NAV, **options)
 
 
-SPEEDOMETER, SPIN = own_terms.SPEEDOMETER, own_parts.SPIN
+SPEEDOMETER, SPIN = own_parts.SPEEDOMETER, own_parts.SPIN
 
 
 def told(**options):
@@ -76,9 +75,9 @@ def told(**options):
 @pytest.mark.parametrize(
     ("given", "names"),
     [
-        ({"observation": ("ekf", SPEEDOMETER)}, {"observation": "ekf,own_terms:SPEEDOMETER"}),
-        ({"observation": ["goal", SPEEDOMETER.over(2)]}, {"observation": "goal,own_terms:SPEEDOMETER*2"}),
-        ({"observation": SPEEDOMETER}, {"observation": "own_terms:SPEEDOMETER"}),
+        ({"observation": ("ekf", SPEEDOMETER)}, {"observation": "ekf,own_parts:SPEEDOMETER"}),
+        ({"observation": ["goal", SPEEDOMETER.over(2)]}, {"observation": "goal,own_parts:SPEEDOMETER*2"}),
+        ({"observation": SPEEDOMETER}, {"observation": "own_parts:SPEEDOMETER"}),
         ({"reward": {SPIN: 7.0, "effort": 0.2}}, {"reward": {"own_parts:SPIN": 7.0, "effort": 0.2}}),
     ],
 )

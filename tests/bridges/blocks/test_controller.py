@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-import own_terms
+import own_parts
 import pytest
 from std_msgs.msg import Bool
 
@@ -83,12 +83,12 @@ def bundle_term(name, low, high, source=""):
     return term_on({"name": name, "low": low, "high": high, "source": source})
 
 
-NAMED = {term.name: replace(term, source=f"own_terms:{term.name.upper()}") for term in (own_terms.BUMPER, own_terms.GAPS)}
+NAMED = {term.name: replace(term, source=f"own_parts:{term.name.upper()}") for term in (own_parts.BUMPER, own_parts.GAPS)}
 
 
 def test_a_bundles_term_is_brought_by_the_topic_that_a_person_names():
     source = _input_of(bundle_term("bumper", [0.0], [1.0]), NAMED)
     assert (source.topic, source.message, source.max_age, source.lasts) == ("bumper", "std_msgs/msg/Bool", 0.5, 0.0)
     assert source.read(Bool(data=True)) == (1.0,)
-    slow = _input_of(replace(own_terms.BUMPER, lasts=3.0), {})
+    slow = _input_of(replace(own_parts.BUMPER, lasts=3.0), {})
     assert (slow.max_age, slow.lasts) == (0.5, 2.5)
