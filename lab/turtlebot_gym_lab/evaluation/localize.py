@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -118,7 +119,7 @@ def _follow(
             dt = max(time[row] - time[row - 1], 0.0)
             located = move(located, before, now, Command(0.0, 0.0), (0.0, 0.0), dt, q)
             remember(trail, time[row], now)
-            way += np.hypot(now.x - before.x, now.y - before.y)
+            way += math.hypot(now.x - before.x, now.y - before.y)
             turn += abs(wrap(now.theta - before.theta))
         while at < len(rows) and rows[at] <= row:
             is_due = left_out == STALE or state_of(located, q) != TRACKING
