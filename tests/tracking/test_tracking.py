@@ -181,8 +181,7 @@ def test_who_steps_out_from_behind_something_is_seen_at_once(side):
     assert people(first)[-1][1] * side > -0.45  # not all of the body is out
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("lidar", ["lds01", "a1"])
+@pytest.mark.parametrize("lidar", ["lds01", pytest.param("a1", marks=pytest.mark.slow)])
 def test_it_is_the_same_compiled_and_in_plain_python(lidar, in_step):
     options = Options(world="people", lidar=lidar, noise="wheel", observation="ekf,tracks")
     p, waypoints, plan, system = options.setup()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated, summary
+from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated
 from turtlebot_gym_lab.calibration import calibrate, detect_kind
 from turtlebot_gym_lab.calibration.coordinates import value_of
 
@@ -32,23 +32,11 @@ def fits():
     return np.array(shares)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "holds"), [(1.0, True), (0.5, False)])
 def test_intervals_hold_the_truth_in_95_of_100_cases_and_others_do_not(fits, factor, holds):
     # A correct interval fails this for one set of drives in 10^4; the seeds are fixed. Intervals half as wide fail it.
     low, high = stats.binom.interval(1.0 - 1e-4, len(fits), 0.95)
     assert (low <= (fits < factor).sum() <= high) == holds
-
-
-def test_a_summary_counts_what_is_held_and_leaves_out_what_is_certain():
-    drives = [
-        {"estimates": {"scale": {"error": 0.1, "holds": held}, "marker_x": {"error": 1e-6, "holds": True}}}
-        for held in (True, True, False, True)
-    ]
-    row = summary(drives)
-    assert (row["drives"], row["all"]) == (4, 0.75)
-    assert [*row["parameters"]] == ["scale"]
-    assert row["parameters"]["scale"] == 0.75
 
 
 @pytest.mark.parametrize("integrator", ["euler", "midpoint"])
@@ -62,7 +50,6 @@ def drawn(truth="noisy", seed=2, **given):
     return simulated(seed, "midpoint", "wheel", truth, rate=20, **USUAL | given)[0]
 
 
-@pytest.mark.sample(1)
 @pytest.mark.parametrize("truth", ["exact", "noisy"])
 @pytest.mark.parametrize(
     ("given", "name", "value", "tolerance"),
