@@ -1,114 +1,98 @@
-"""The same drive in the environment and in the live graph in lock-step, and how far the two are apart."""
+"""The same drive in the environment and in the live graph in lock-step, and that they are the same.
 
-from __future__ import annotations
+A drive is given by the options that both take: policy, noise, seed, and those of the square or of a world.
+"""
 
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 
 import turtlebot_gym  # noqa: F401  # registers the environments
 from turtlebot_gym.drive import Drive
+from turtlebot_gym.observations import LOCATED_ROOM, ROOM, TRACKS
 from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
 from turtlebot_gym_ros import Graph
 
 DT = 0.1
 """Control interval, s."""
-COLUMNS = ("time", "true_state", "odometry", "estimate", "covariance", "reference", "command")
-"""What both know of a drive."""
+COLUMNS = ("time", "true_state", "odometry", "estimate", "covariance", "reference", "command", "clearance")
+"""What both know of a drive; in a world also the clearance."""
 
 
-class RoomDrive(NamedTuple):
-    policy: str = "vfh"
-    world: str = "dense"
-    lidar: str = "lds01"
-    noise: str = "tutorial"
-    seed: int = 0
-    localizer: str | None = None
-    goals: int | None = None
-    start: str | None = None
-    observation: str = "ekf"
+def square(**options):
+    """Return a drive along the square, with enough laps that the last waypoint is not reached in a minute."""
+    given = {"policy": "bearing", "noise": "tutorial", "switch": "time", "robot": "burger", "seed": 3, **options}
+    return {"laps": 1 if given["switch"] == "time" else 50, **given}
 
 
-class SquareDrive(NamedTuple):
-    policy: str = "proportional"
-    noise: str = "tutorial"
-    switch: str = "time"
-    robot: str = "tutorial"
-    seed: int = 0
-    filter: str = "matched"
-    fix: str = "none"
+class Logged:
+    """VFH+, with memory, which keeps what it is given and what it answers in ``seen``; it runs in this process."""
 
-    @property
-    def laps(self) -> int:
-        """Number of laps, enough that the last waypoint is not reached in a minute."""
-        return 1 if self.switch == "time" else 50
+    terms, name, seen = ROOM, "vfh", []
 
+    def __init__(self, *, robot, dt):
+        self._policy = make_policy(self.name, robot=robot, dt=dt)
 
-def episode(drive: SquareDrive, steps: int, *, number: int = 0) -> Drive:
-    """Return the environment's drive, with arrival by belief as in the generator; ``number`` counts the seed's episodes."""
-    options = drive._asdict() | {"laps": drive.laps, "fix": None if drive.fix == "none" else drive.fix}
-    policy, seed = make_policy(options.pop("policy"), robot=drive.robot, noise=drive.noise), options.pop("seed")
-    env = gym.make("turtlebot_gym/TurtleBotSquare-v0", max_episode_steps=10**9, arrival="belief", **options)
-    return Drive.stack([*_driven(env, policy, seed, steps, number)], time=DT * np.arange(steps + 1))
+    def reset(self, mask):
+        self._policy.reset(mask)
+
+    def __call__(self, observation):
+        action = np.asarray(self._policy(observation), np.float32)
+        self.seen.append(np.concatenate([observation, action], dtype=np.float32))
+        return action
 
 
-def live(drive: SquareDrive, steps: int, **options: Any) -> Drive:
-    """Return the graph's drive over a number of steps; the options are those of `Graph`."""
-    return _live(drive._asdict() | {"laps": drive.laps}, steps, **options)
+class Located(Logged):
+    """With the localizer's evidence."""
+
+    terms = LOCATED_ROOM
 
 
-def room_episode(given: RoomDrive, steps: int = 600) -> Drive:
-    """Return the environment's episode, from its start to its end, after a number of steps at the latest."""
-    options = given._asdict()
-    policy, seed = make_policy(options.pop("policy"), noise=given.noise), options.pop("seed")
+class Tracking(Logged):
+    """With a stop for people."""
+
+    terms, name = (*ROOM, TRACKS), "vfh+yield"
+
+
+def episode(drive, steps=600, *, number=0, observation="ekf"):
+    """Return the environment's drive, in a world to its end; ``number`` counts the seed's episodes.
+
+    On the square it arrives by belief, as the waypoint generator does.
+    """
+    options = dict(drive)
+    policy, seed, in_world = options.pop("policy"), options.pop("seed"), "world" in drive
+    policy = make_policy(policy, robot=drive.get("robot", "burger"), noise=drive["noise"])
     if isinstance(policy, PolicyWithMemory):
         policy.reset(np.ones((), np.bool_))
-    name = "Rooms" if given.goals is None else "Missions"
-    env = gym.make(f"turtlebot_gym/TurtleBot{name}-v0", max_episode_steps=steps, **options)
-    infos = [*_driven(env, policy, seed, steps)]
+    own = {"observation": observation} if in_world else {"arrival": "belief"}
+    env = gym.make(f"turtlebot_gym/TurtleBot{'Rooms' if in_world else 'Square'}-v0", max_episode_steps=10**9, **own, **options)
+    observation, info = env.reset(seed=seed)
+    for _ in range(number):
+        observation, info = env.reset()
+    infos, ended = [info], False
+    while len(infos) <= steps and not ended:
+        observation, _, terminated, truncated, info = env.step(policy(observation))
+        infos.append(info)
+        ended = terminated or truncated
+    env.close()
     drive = Drive.stack(infos, time=DT * np.arange(len(infos)))
     return replace(drive, clearance=drive.clearance.astype(np.float32))  # as its message carries it
 
 
-def room_live(drive: RoomDrive, steps: int, **options: Any) -> Drive:
+def live(drive, steps, **options):
     """Return the graph's drive over a number of steps; the options are those of `Graph`."""
-    given = {name: value for name, value in drive._asdict().items() if value is not None and name != "observation"}
-    if drive.start == "known":
-        given["start"] = "odometry"
-    return _live(given, steps, **options)
+    with Graph(**drive, goal_tolerance=0.0, **options) as graph:
+        return driven(graph, steps)
 
 
-def _driven(env: gym.Env[Any, Any], policy: Any, seed: int, steps: int, number: int = 0) -> Iterator[dict[str, Any]]:
-    observation, info = env.reset(seed=seed)
-    for _ in range(number):
-        observation, info = env.reset()
-    yield info
-    for _ in range(steps):
-        observation, _, terminated, truncated, info = env.step(policy(observation))
-        yield info
-        if terminated or truncated:
-            break
-    env.close()
+def driven(graph, steps):
+    """Return the first steps of a graph's drive once they are done."""
+    graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 10.0 * steps * DT))
+    return graph.trajectory()[: steps + 1]
 
 
-def _live(given: dict[str, Any], steps: int, **options: Any) -> Drive:
-    with Graph(**given, goal_tolerance=0.0, **options) as graph:
-        graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 10.0 * steps * DT))
-        return first(graph.trajectory(), steps)
-
-
-def first(trajectory: Drive, steps: int) -> Drive:
-    """Return the start and the first steps of a drive."""
-    return trajectory[: steps + 1]
-
-
-def differences(one: Drive, other: Drive) -> dict[str, float]:
-    """Return the largest difference in each part of two drives; NaN where one does not know what the other does."""
-    return {name: float(np.abs(getattr(one, name) - getattr(other, name)).max()) for name in COLUMNS}
-
-
-def room_differences(one: Drive, other: Drive) -> dict[str, float]:
-    return differences(one, other) | {"clearance": float(np.abs(one.clearance - other.clearance).max())}
+def assert_same(expected, live):
+    """Check that a live drive is the environment's in every number; headings survive their quaternion."""
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(live, name), getattr(expected, name), name)

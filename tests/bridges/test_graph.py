@@ -4,7 +4,6 @@ import json
 import os
 import re
 import signal
-from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -59,28 +58,7 @@ def test_bringup_prints_the_metrics_and_writes_the_figure(capfd, tmp_path):
     assert written["metrics"]["waypoints"] == 1
 
 
-STEPS = 300
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("processes", [False, True])
-def test_each_of_two_robots_in_lock_step_drives_its_own_episode_to_the_bit(compare, processes):
-    drives = {
-        "robot1": compare.SquareDrive("bearing", "tutorial", "arrival", "burger", 3),
-        "robot2": compare.SquareDrive("proportional", "rough", "arrival", "burger", 8),
-    }
-    with ExitStack() as stack:
-        graphs = {
-            name: stack.enter_context(
-                Graph(**drive._asdict(), laps=50, goal_tolerance=0.0, namespace=name, processes=processes)
-            )
-            for name, drive in drives.items()
-        }
-        for name, graph in graphs.items():
-            graph.wait_until(lambda graph: graph.time >= (STEPS - 0.5) * compare.DT, timeout=240.0)
-            driven = compare.first(graph.trajectory(), STEPS)
-            assert max(compare.differences(compare.episode(drives[name], STEPS), driven).values()) == 0.0
 
 
 @pytest.mark.parametrize(
