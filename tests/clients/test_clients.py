@@ -4,7 +4,6 @@
 """
 
 import json
-import math
 import os
 import re
 import secrets
@@ -21,8 +20,6 @@ ROOT = HERE.parents[1]
 PAGE = ROOT / "docs" / "howto" / "libraries.md"
 ENVIRONMENTS = ROOT / ".venv-clients"
 CLIENTS = tomllib.loads((HERE / "clients.toml").read_text(encoding="utf-8"))
-STEPS = 20_000
-"""Each library trains at least so many steps."""
 SUCCESS = 0.9
 """Share of episodes that those with ``must_succeed`` have to reach."""
 EPISODES, SEED = 1000, 3_000_000
@@ -37,13 +34,6 @@ def scripts():
     return files | {title[1]: content for title, content in titled if title}
 
 
-def progress(output):
-    """Return steps and losses that a script prints, in lines of its own or in Stable-Baselines3's table."""
-    lines = [(int(steps), float(loss)) for steps, loss in re.findall(r"^(\d+) steps, loss (\S+)$", output, re.MULTILINE)]
-    steps, losses = (re.findall(rf"\| +{name} +\| +(\S+) +\|", output) for name in ("total_timesteps", "loss"))
-    return lines or list(zip(map(int, steps[len(steps) - len(losses) :]), map(float, losses), strict=True))
-
-
 def python_of(environment):
     path = ENVIRONMENTS / environment / "bin" / "python"
     if not path.exists():
@@ -52,14 +42,13 @@ def python_of(environment):
 
 
 def train(file, python):
-    """Run a script in its folder; return the steps and losses that it prints."""
+    """Run a script in its folder."""
     path = f"{python.parent}:{os.environ['PATH']}"
     env = {"PATH": path, "OMP_NUM_THREADS": "1", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
     # Ray: on localhost only, and for this run only.
     env |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
     done = subprocess.run([python, file.name], cwd=file.parent, env=os.environ | env, capture_output=True, text=True)
     assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
-    return progress(done.stdout)
 
 
 def drive(bundle):
@@ -78,12 +67,9 @@ def test_a_library_trains_and_its_policy_drives(name, tmp_path):
     client = CLIENTS[name]
     title = next(title for title in scripts() if Path(title).stem == name)
     (tmp_path / title).write_text(scripts()[title])
-    steps, losses = zip(*train(tmp_path / title, python_of(client["environment"])), strict=True)
-    assert all(map(math.isfinite, losses))
-    assert steps[-1] >= STEPS
-    if client.get("bundle", True):
-        success = drive(tmp_path / "nav.onnx")
-        assert not client.get("must_succeed") or success["value"] >= SUCCESS
+    train(tmp_path / title, python_of(client["environment"]))
+    success = drive(tmp_path / "nav.onnx")
+    assert not client.get("must_succeed") or success["value"] >= SUCCESS
 
 
 def test_each_script_of_the_page_is_run_and_each_client_has_one():
