@@ -32,21 +32,9 @@ def wait_for_fixture():
     return wait_for
 
 
-def running():
-    """A context with its executor's thread, started; what runs in another one is as far away as in another process."""
-    runner = Runner(executor=FastExecutor)
-    runner.start()
-    yield runner
-    runner.close()
-
-
-runner, another_runner, third_runner = (
-    pytest.fixture(running, name=name) for name in ("runner", "another_runner", "third_runner")
-)
-
-
 @pytest.fixture
 def make_runner():
+    """Return a function that starts a context and its executor's thread: each is as far away as another process."""
     made = []
 
     def make(*arguments):
@@ -57,6 +45,16 @@ def make_runner():
     yield make
     for runner in made:
         runner.close()
+
+
+@pytest.fixture
+def runner(make_runner):
+    return make_runner()
+
+
+@pytest.fixture
+def another_runner(make_runner):
+    return make_runner()
 
 
 class Peer:
@@ -122,14 +120,6 @@ def launch(tmp_path):
             process.kill()
             process.communicate()
             pytest.fail(f"{process.args} did not end at SIGTERM")
-
-
-@pytest.fixture(scope="session")
-def compare():
-    """The comparison of the live graph with the environment, as a module."""
-    import lockstep
-
-    return lockstep
 
 
 @pytest.fixture

@@ -29,8 +29,8 @@ def process(launch, monkeypatch):
     return launch("-m", "turtlebot_gym_ros", "data_logger", "--ros-args", "-p", "output:=run")
 
 
-def test_holds_every_message_that_another_subscriber_saw(process, peer, third_runner, wait_for, tmp_path):
-    listener = type(peer)(third_runner, "listener")
+def test_holds_every_message_that_another_subscriber_saw(process, peer, make_runner, wait_for, tmp_path):
+    listener = type(peer)(make_runner(), "listener")
     odom, goals = peer.speak("odom", Odometry), peer.speak("goals", Goals)
     note = peer.speak("note", String, LATCHED)
     note.publish(String(data="said before anybody listened"))

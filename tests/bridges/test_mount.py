@@ -22,21 +22,19 @@ PRESET, OTHER = Pose(-0.032, 0.0, 0.0), Pose(0.05, -0.04, 2.0)
 BEAMS, T = 3600, 100.0
 
 
-def transform(parent, child, x, y, yaw, roll=0.0):
+def transform(parent, child, x, y, yaw):
     made = TransformStamped(header=Header(frame_id=parent), child_frame_id=child, transform=Transform())
     made.transform.translation.x, made.transform.translation.y, made.transform.translation.z = x, y, 0.1
-    half, q = 0.5 * yaw, made.transform.rotation
-    q.w, q.x = math.cos(half) * math.cos(0.5 * roll), math.cos(half) * math.sin(0.5 * roll)
-    q.z, q.y = math.sin(half) * math.cos(0.5 * roll), math.sin(half) * math.sin(0.5 * roll)
+    made.transform.rotation.w, made.transform.rotation.z = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
     return made
 
 
-def stated(mount, *, frame="base_scan", **tilt):
+def stated(mount):
     """Return the frames of a robot that states its LiDAR's mount, on a link of its own."""
     said = StaticFrames()
     chain = (
         transform("base_footprint", "base_link", 0.02, 0.01, 0.0),
-        transform("base_link", frame, mount.x - 0.02, mount.y - 0.01, mount.theta, **tilt),
+        transform("base_link", "base_scan", mount.x - 0.02, mount.y - 0.01, mount.theta),
     )
     said.hear(SimpleNamespace(transforms=list(chain)))
     return lambda frame: said.mount("base_footprint", frame)

@@ -1,8 +1,7 @@
 """The law of the collision monitor, on drives towards walls with scans that end, are late or come from two computers' clocks.
 
 **No motion in force later than 0.4 s after the newest scan that was sent, and none within 0.05 m and 8.5 % of the range of a
-wall.** The wheels hold their last command, so silence is no stop. For each clause there are planted defects that the same
-drives find.
+wall.** The wheels hold their last command, so silence is no stop.
 """
 
 import math

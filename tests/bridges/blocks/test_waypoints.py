@@ -54,21 +54,15 @@ def test_a_pose_from_rviz_takes_the_place_of_all_waypoints():
     assert reference(node) == SQUARE_WAYPOINTS[0]
 
 
-EXPECTED = {"reference": Pose(1.0, 2.0, 0.5), "following": Pose(-1.0, 0.0, 0.0)}
-FILES = [
-    ("a.yaml", "[[1, 2, 0.5], [-1, 0, 0]]", EXPECTED),
-    *((name, text, None) for name, text in (("a.yaml", "[[1, 2]]"), ("a.yaml", "hello"), ("a.yaml", "[[1, .nan, 0]]"))),
-]
-
-
-@pytest.mark.parametrize(("name", "text", "read"), FILES)
-def test_a_file_of_waypoints_is_read_or_refused(tmp_path, name, text, read):
-    (tmp_path / name).write_text(text)
-    if read:
-        assert generator(waypoints=str(tmp_path / name)).step(0.1, None, None) == read
-    else:
-        with pytest.raises(ValueError, match="waypoints must be"):
-            generator(waypoints=str(tmp_path / name))
+def test_a_file_of_waypoints_is_read_or_refused(tmp_path):
+    file = tmp_path / "a.yaml"
+    file.write_text("[[1, 2, 0.5], [-1, 0, 0]]")
+    read = {"reference": Pose(1.0, 2.0, 0.5), "following": Pose(-1.0, 0.0, 0.0)}
+    assert generator(waypoints=str(file)).step(0.1, None, None) == read
+    for wrong in ("[[1, 2]]", "hello", "[[1, .nan, 0]]"):
+        file.write_text(wrong)
+        with pytest.raises(ValueError, match="waypoints"):
+            generator(waypoints=str(file))
 
 
 # Goals on their way.
