@@ -1,4 +1,4 @@
-"""The command line: results on standard output and in files, errors in one line, and status 2."""
+"""The command line: results on standard output and in files, errors in one line, and little imported for its help."""
 
 import json
 import re
@@ -109,3 +109,16 @@ def test_no_input_is_overwritten_even_with_force(words, tmp_path, monkeypatch, c
         (tmp_path / name).write_text("{}")
     assert main([*words.split(), "--force"]) == 2
     assert "it is an input of the same command" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["train", "--help"], ["evaluate", "--help"]], ids=str)
+def test_help_imports_nothing_heavy(arguments, run):
+    heavy = ("torch", "stable_baselines3", "llvmlite", "scipy", "matplotlib", "rich", "yaml", "onnx", "onnxruntime")
+    program = f"""
+import contextlib, json, sys
+from turtlebot_gym_agents.__main__ import main
+with contextlib.suppress(SystemExit):
+    main({arguments})
+print(json.dumps([name for name in {heavy} if name in sys.modules]))
+"""
+    assert run(program) == []

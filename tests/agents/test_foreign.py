@@ -18,9 +18,6 @@ from turtlebot_gym_agents.training.train import train
 
 pytestmark = pytest.mark.slow
 
-DAILY = ("ppo", "normalized")
-"""Kinds whose training and export run in `make test`, too."""
-
 
 def bundle_actions(bundle, observations, begins):
     policy, actions = BundlePolicy(bundle), []
@@ -36,7 +33,7 @@ def close(actions, expected):
     assert np.std(expected, axis=0).min() > 1e-3  # a constant would be easy to equal
 
 
-@pytest.mark.parametrize("kind", [kind if kind in DAILY else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_model_acts_in_its_bundle_and_deployment_as_in_its_library(tmp_path, kind):
     model = trained(kind, tmp_path)
     export(model, tmp_path / "policy.onnx", env=NAV, steps=100)
@@ -49,7 +46,6 @@ def test_a_model_acts_in_its_bundle_and_deployment_as_in_its_library(tmp_path, k
 # Folders and command lines.
 
 
-@pytest.mark.slow
 def test_the_best_model_of_a_training_in_rooms_is_exported_by_its_folder(tmp_path, capsys):
     hyper = {"n_envs": 8, "n_timesteps": 256, "n_steps": 16, "batch_size": 64, "policy_kwargs": SMALL}
     config = TrainingConfig(env=ROOMS, world="office", config=hyper, evaluations=1, episodes=4, steps=256, randomize=True)

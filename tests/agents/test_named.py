@@ -1,4 +1,4 @@
-"""Policies by name: which there are, and what each name stands for."""
+"""Policies by name: those of the package, of a file with numbers of one's own, and of a user's module."""
 
 import math
 import re
@@ -6,10 +6,11 @@ import re
 import numpy as np
 import pytest
 
-from turtlebot_gym.observations import ROOM
+from turtlebot_gym.observations import OPEN_GROUND, ROOM
 from turtlebot_gym.observations.columns import size_of
-from turtlebot_gym_agents import make_policy
+from turtlebot_gym_agents import ProportionalPolicy, make_policy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.policies import PolicyWithMemory, terms_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.named import shipped_folder
@@ -69,3 +70,99 @@ def test_a_bundle_for_another_setting_drives_only_if_it_may(policy, options, mes
     with pytest.raises(ValueError, match=re.escape(message)):
         evaluate(policy, episodes=4, **options)
     assert len(evaluate(policy, episodes=4, allow_mismatch=True, **options).episodes.seed) == 4
+
+
+# Files of baselines with numbers of one's own.
+
+
+def write(folder, text):
+    path = folder / "mine.yaml"
+    path.write_text(text)
+    return str(path)
+
+
+def test_a_file_drives_as_the_class_does(tmp_path):
+    path = write(tmp_path, "policy: proportional\nkv: 1\nkomega: 3.0\n")
+    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (50, size_of(OPEN_GROUND))).astype(np.float32)
+    np.testing.assert_array_equal(make_policy(path)(seen), ProportionalPolicy("burger", kv=1.0, komega=3.0)(seen))
+    options = {"env": "turtlebot_gym/TurtleBotSquare-v0", "episodes": 2}
+    by_file, by_class = (evaluate(policy, **options).summary() for policy in (path, ProportionalPolicy(kv=1.0, komega=3.0)))
+    assert by_file == by_class
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("kv: 0.8\n", "it must have the policy's name, such as policy: proportional"),
+        ("policy: proportionl\n", "Did you mean 'proportional'"),
+        ("policy: proportional\ngain: 3\n", "ProportionalPolicy has no gain"),
+        ("policy: proportional\ndt: 0.05\n", "dt must be left out"),
+        ("policy: [\n", "is not YAML"),
+    ],
+)
+def test_what_a_file_cannot_say_is_refused(text, said, tmp_path):
+    with pytest.raises(ValueError, match=re.escape(said)) as caught:
+        make_policy(write(tmp_path, text))
+    assert str(caught.value).startswith(str(tmp_path))
+    assert "\n" not in str(caught.value)
+
+
+# A user's policy.
+
+POLICIES = """\
+import numpy as np
+
+def still(observations):
+    return np.zeros((*observations.shape[:-1], 2), np.float32)
+
+def raises(observations):
+    return 1 / 0
+
+def nan(observations):
+    return np.full((*observations.shape[:-1], 2), np.nan)
+
+def narrow(observations):
+    return observations[..., :1]
+
+def text(observations):
+    return "left"
+
+class Unmade:
+    def __init__(self):
+        pass
+
+"""
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    (tmp_path / "drivers.py").write_text(POLICIES)
+    (tmp_path / "slips.py").write_text("import numpy as np\n\ndef policy(observations:\n    return 0\n")
+    (tmp_path / "falls.py").write_text("import math\nprepared = math.sqrt(-1.0)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_users_function_drives(own):
+    policy = make_policy("drivers:still")
+    for shape in ((13,), (4, 13), (2, 3, 13)):
+        assert policy(np.zeros(shape, np.float32)).shape == (*shape[:-1], 2)
+    assert not isinstance(policy, PolicyWithMemory)
+    assert terms_of(policy) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("slips:policy", r"SyntaxError: .* \(.*slips\.py, line 3\)"),
+        ("falls:policy", r"ValueError: math domain error \(.*falls\.py, line 2\)"),
+        ("drivers:Unmade", "TypeError: .*unexpected keyword argument"),
+        ("drivers:raises", r"ZeroDivisionError: division by zero \(.*drivers\.py, line 7\)"),
+        ("drivers:nan", "it must return finite numbers, got nan"),
+        ("drivers:narrow", r"it must return an array of shape \(5, 2\), got \(5, 1\)"),
+        ("drivers:text", "it must return numbers, got str"),
+    ],
+)
+def test_a_failing_policy_is_reported_with_its_place_on_one_line(name, message, own):
+    with pytest.raises(ValueError, match=rf"^[^\n]*{name}: {message}[^\n]*$"):
+        make_policy(name)(np.zeros((5, 13), np.float32))

@@ -1,4 +1,4 @@
-"""The adapter to Stable-Baselines3, over a scripted environment and over the package's own."""
+"""The adapter to Stable-Baselines3, over a scripted environment and the package's own; environments that begin staggered."""
 
 import gymnasium as gym
 import numpy as np
@@ -7,7 +7,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.monitor import Monitor
 
 import turtlebot_gym  # noqa: F401  # registers its environments
-from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
+from turtlebot_gym_agents.training.sb3_vec_env import GROUPS, Sb3VecEnv, Staggered
 
 
 class Scripted(gym.vector.VectorEnv):
@@ -131,3 +131,45 @@ def test_the_algorithm_sees_scaled_rewards_and_infos_those_of_the_environment():
         np.testing.assert_allclose(scaled, 0.25 * plain, rtol=1e-6)
     assert dones.all()
     assert [info["episode"]["r"] for info in others] == [info["episode"]["r"] for info in infos]
+
+
+# Staggered environments.
+
+
+class Clocks(gym.vector.VectorEnv):
+    """Observations are the number of steps since the row's reset."""
+
+    def __init__(self, rows):
+        self.num_envs = rows
+        self.single_observation_space = gym.spaces.Box(0.0, np.inf, (1,), np.float32)
+        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self.clocks = np.zeros((rows, 1), np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        self.clocks[(options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))] = 0.0
+        return self.clocks.copy(), {}
+
+    def step(self, actions):
+        self.clocks += 1.0
+        return self.clocks.copy(), np.zeros(len(actions)), *np.zeros((2, len(actions)), np.bool_), {}
+
+
+def stand(observations):
+    return np.zeros((len(observations), 1), np.float32)
+
+
+@pytest.mark.parametrize(("rows", "times"), [(2 * GROUPS, 2 * [*range(GROUPS)]), (3, range(3)), (1, [0])])
+def test_rows_begin_at_times_spread_over_the_steps_and_again_after_a_reset_of_all(rows, times):
+    envs = Staggered(Clocks(rows), stand, 10 * min(GROUPS, rows))
+    for _ in range(2):
+        observations, _ = envs.reset(seed=0)
+        assert sorted(observations.ravel()) == [10.0 * time for time in sorted(times)]
+    np.testing.assert_array_equal(envs.step(stand(observations))[0], observations + 1.0)
+
+
+def test_chosen_rows_begin_at_once():
+    envs = Staggered(Clocks(2 * GROUPS), stand, 10 * GROUPS)
+    before, _ = envs.reset(seed=0)
+    chosen = np.arange(2 * GROUPS) < 5
+    after, _ = envs.reset(options={"reset_mask": chosen})
+    np.testing.assert_array_equal(after, np.where(chosen[:, None], 0.0, before))

@@ -1,19 +1,25 @@
-"""Training: a short one learns, and leaves all its files."""
+"""Training: a short one learns, leaves all its files, exports what the model does, and keeps the best of its models."""
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import gymnasium as gym
+import numpy as np
 import pytest
 import torch
 from gymnasium.vector import AutoresetMode
 from stable_baselines3 import PPO
+from stable_baselines3.common.logger import configure
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from turtlebot_gym_agents.evaluation.driving import judge
+from turtlebot_gym_agents.evaluation.driving import Judged, judge
+from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, EvaluationCallback
+from turtlebot_gym_agents.training import callbacks, network
+from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, INTERIM, EvaluationCallback
 from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 from turtlebot_gym_agents.training.train import train
@@ -104,3 +110,47 @@ def test_callbacks_serve_a_users_script(tmp_path):
     model.learn(6144, callback=[judge])
     assert [figures["steps"] for figures in judge.history] == [2048, 4096, 6144]
     assert PPO.load(tmp_path / "best.zip").num_timesteps == judge.best["steps"]
+
+
+def test_a_bundle_that_acts_differently_is_not_written(tmp_path, monkeypatch):
+    config = TrainingConfig(config={"n_envs": 8, "n_timesteps": 256, "n_steps": 32, "batch_size": 256})
+    right, model = network.program_of, make_model(config, config.make_training())
+    half = torch.nn.Linear(2, 2, bias=False)
+    half.weight.data = 0.5 * torch.eye(2)
+    monkeypatch.setattr(network, "program_of", lambda layers, *sizes: right(torch.nn.Sequential(layers, half), *sizes))
+    (tmp_path / "policy.onnx").write_text("the old one")
+    with pytest.raises(RuntimeError, match="differ from the network's"):
+        export(model, tmp_path / "policy.onnx", steps=20)
+    assert [file.read_text() for file in tmp_path.iterdir()] == ["the old one"]
+
+
+@pytest.mark.parametrize(("env", "policy", "rows"), [("nav", "bearing", 7), ("rooms", "bearing", 5), ("nav", "bearing", 40)])
+def test_few_rows_drive_the_episodes_that_a_row_for_each_drives(env, policy, rows):
+    config, drive = TrainingConfig(env=env), partial(judge, policy=make_policy(policy), seed=11, episodes=23)
+    alone, in_turn = drive(config.make(23)), drive(config.make(rows))
+    for column, other in zip(alone, in_turn, strict=True):
+        np.testing.assert_array_equal(column, other)
+    assert len(set(alone.steps)) > 1
+
+
+@pytest.mark.parametrize(("last", "kept"), [([1.0, 0.0], 1), ([3.0, 0.0], 2), ([1.0, 9.0], 2)])
+def test_the_best_model_so_far_drives_all_episodes_at_the_end_if_the_last_one_is_not_better(tmp_path, monkeypatch, last, kept):
+    """Mean returns of the first episodes and of all others: the first model has 2 and 0."""
+    returns = {1: [2.0, 0.0], 2: last}
+    config = TrainingConfig(config={"n_envs": 8, "n_steps": 8, "batch_size": 64, "n_timesteps": 64})
+    model = make_model(config, config.make_training())
+    model.set_logger(configure(format_strings=[]))
+
+    def drive(envs, policy, *, seed, episodes):
+        first, rest = returns[model.num_timesteps]
+        values = np.where(np.arange(episodes) < INTERIM, first, rest)
+        return Judged(values > 0.0, values, np.ones(episodes, np.int64))
+
+    monkeypatch.setattr(callbacks, "judge", drive)
+    evaluation = EvaluationCallback(config.make(8), every=1, episodes=2 * INTERIM, path=tmp_path / "best.zip")
+    evaluation.init_callback(model)
+    for steps, episodes in ((1, INTERIM), (2, 2 * INTERIM)):
+        model.num_timesteps = steps
+        evaluation._run(episodes)
+    assert evaluation.best["steps"] == kept
+    assert evaluation.best["return"] == pytest.approx(np.mean(returns[kept]))
