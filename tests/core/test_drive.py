@@ -1,17 +1,10 @@
-"""A drive: columns that are not given are unknown, slices make the whole, and errors are distances and wrapped angles."""
+"""A drive: columns that are not given are unknown, and errors are distances and wrapped angles."""
 
 import numpy as np
 import pytest
 from drive_samples import COLUMNS
 
 from turtlebot_gym.drive import Drive, heading_error, position_error
-
-
-def same(first, second):
-    for name in ("time", "joined", "circles", "hypotheses", *COLUMNS):
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name), err_msg=name)
-    assert (first.report, first.outcome, first.around) == (second.report, second.outcome, second.around)
-    assert [(seen.row, seen.lidar) for seen in first.scans] == [(seen.row, seen.lidar) for seen in second.scans]
 
 
 def test_the_rows_of_an_episode_are_stacked():

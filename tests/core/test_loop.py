@@ -113,7 +113,7 @@ def test_huge_seeds_and_episodes_are_fine():
         assert batch.world(i) == plain.reset()
 
 
-BATCH = """
+BATCHES = f"""
 import json, os, threading, warnings
 import numpy as np
 import turtlebot_gym.compiled.batch as module
@@ -122,44 +122,31 @@ from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 
 p = make_parameters(SQUARE, noise="clean")
 
-def stepped(number, steps=3):
+def stepped(steps=3, number={MANY}):
     batch = module.Batch(number, p, SQUARE_WAYPOINTS)
     batch.reset(np.ones(number, np.bool_), *batch.empty())
     for _ in range(steps):
         observations, _ = batch.step(np.full((number, 2), 0.5, np.float32))
     return batch.world(0).body.true_state.x, observations.tobytes().hex()
-"""
 
-
-THREADS = f"""
-sums = []
-threads = [threading.Thread(target=lambda: sums.append(stepped({MANY}, 200))) for _ in range(3)]
+sums, expected = [], stepped()
+threads = [threading.Thread(target=lambda: sums.append(stepped(200))) for _ in range(3)]
 for thread in threads:
     thread.start()
 for thread in threads:
     thread.join()
-print(json.dumps([len(sums), len(set(sums))]))
-"""
-
-
-def test_threads_of_python_may_step_batches_at_the_same_time(run):
-    assert run(BATCH + THREADS) == [3, 1]
-
-
-FORK = f"""
-expected = [stepped({MANY}) for _ in range(2)][0]
 warnings.simplefilter("ignore")  # Python 3.12 warns of forks beside threads, which is what this is about
 child = os.fork()
 if child == 0:
-    os._exit(0 if stepped({MANY}) == expected else 3)
+    os._exit(0 if stepped() == expected else 3)
 status = os.waitpid(child, 0)[1]
-print(json.dumps([os.waitstatus_to_exitcode(status), stepped({MANY}) == expected]))
+print(json.dumps([len(sums), len(set(sums)), os.waitstatus_to_exitcode(status), stepped() == expected]))
 """
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_a_forked_child_lives_after_its_parent_ran_in_parallel(run):
-    assert run(BATCH + FORK) == [0, True]  # a signal's number, negative, if a thread's lock killed it
+def test_threads_of_python_step_batches_at_the_same_time_and_a_forked_child_lives_after_them(run):
+    assert run(BATCHES) == [3, 1, 0, True]  # a signal's number, negative, if a thread's lock killed the child
 
 
 BARE = """

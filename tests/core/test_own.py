@@ -1,4 +1,4 @@
-"""Filters, terms and systems of one's own, by object or "module:name": in every environment, and refused with their place."""
+"""Filters, rewards, terms and systems of one's own, by object or "module:name"; shares of rewards add up."""
 
 import math
 
@@ -10,6 +10,7 @@ import pytest
 from turtlebot_gym import Episode, ObservationTerm, make_filter, make_noise, make_parameters
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.rewards import IN_ROOMS, ON_GROUND, ON_MISSIONS
 from turtlebot_gym.systems import Options
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
@@ -48,6 +49,7 @@ def test_environments_take_a_system_by_name():
         ({"dt": 1e-4, "fix": "late"}, "fix must come at most 25 steps late"),
         ({"waypoints": [(1.0, 0.0, 0.0)]}, "waypoints"),
         ({"reward": {"tim": 1.0}}, "reward .*'tim'.* Did you mean 'time'"),
+        ({"reward": {"nearness": 1.0}}, "reward on open ground .* must be one of .* got 'nearness'"),
         ({"system": "own_parts:NUMBER"}, "system must be a System, a function of the parameters that returns one, .* got 3"),
         (
             {"observation": ("ekf", ObservationTerm("hidden", kernel(lambda world, p: 0.0), -1.0, 1.0))},
@@ -84,3 +86,51 @@ def told(**options):
 def test_an_object_is_what_its_name_is(given, names):
     assert told(**given) == told(**names)
     assert told(**given) != told()
+
+
+# Rewards.
+
+TASKS = {"Nav": ON_GROUND, "Square": ON_GROUND, "Rooms": IN_ROOMS, "Missions": ON_MISSIONS}
+
+
+def rewards(task, **options):
+    """Return rewards and their shares by name in a drive, which equal those of the first row of a vector environment."""
+    id, rows = f"turtlebot_gym/TurtleBot{task}-v0", []
+    env, envs = gym.make(id, **options), gym.make_vec(id, num_envs=3, info="full", **options)
+    names = env.unwrapped.reward_terms
+    assert envs.unwrapped.reward_terms == names
+    for made in (env, envs):
+        made.reset(seed=3)
+    for action in np.random.default_rng(4).uniform(-1.0, 1.0, (40, 2)).astype(np.float32):
+        _, reward, _, _, info = env.step(action)
+        _, many, _, _, infos = envs.step(np.tile(action, (3, 1)))
+        shares = np.array(info["reward_shares"]).tolist()
+        assert (many[0], infos["reward_shares"][0].tolist()) == (reward, shares)
+        rows.append((reward, dict(zip(names, shares, strict=True))))
+    return rows
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_shares_add_up_to_the_reward_in_the_order_of_the_terms(task):
+    for reward, shares in rewards(task):
+        assert list(shares) == [term.name for term in TASKS[task]]
+        total = 0.0
+        for share in shares.values():
+            total += share
+        assert reward == total
+
+
+@pytest.mark.parametrize("task", ["Nav", "Rooms"])
+def test_a_term_of_ones_own_adds_its_share_and_nothing_else(task):
+    spun = 0.0
+    for (plain, _), (reward, shares) in zip(rewards(task), rewards(task, reward={SPIN: 100.0}), strict=True):
+        assert reward == plain + shares["spin"]
+        spun += shares["spin"]
+    assert spun < -1.0
+
+
+def test_a_system_of_ones_own_brings_its_terms():
+    options = {"system": own_parts.system_with_spin, "reward": {"spin": 7.0}}
+    setup = Options(**options).setup()
+    assert setup.parameters.reward._asdict() == {"progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0, "spin": 7.0}
+    assert rewards("Nav", **options) == rewards("Nav", reward={"own_parts:SPIN": 7.0})
