@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from localization_rooms import corridor, empty_hall, hall, make_room, off, scan_of, sight
 
+from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.compiled.program import compiled
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, NONE, ROWS, exp
 from turtlebot_gym.localization.descent import SILENT_BEAMS, agreeing, verdict
@@ -17,7 +19,6 @@ from turtlebot_gym.values import STOP, Pose
 
 Q = LocalizerTuning()
 HERE, THERE = (1.7, 2.1, 0.4), (4.6, 0.8, -2.9)
-slow_in_plain = pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python")
 CLOSE, REST, NO_DRIFT = (1e-4, 1e-4, 1e-4), Pose(0.0, 0.0, 0.0), (0.0, 0.0)
 
 
@@ -28,6 +29,15 @@ def empty():
 @pytest.fixture(scope="module")
 def room():
     return make_room(hall())
+
+
+@pytest.fixture(scope="module")
+def in_machine_code():
+    if not HAS_LLVM:
+        pytest.skip("takes minutes in plain Python")
+    q = as_tuple(ROBOT)
+    function = compiled(lambda located, bank, seen, wheels, q: look(located, bank, seen, wheels, q), "look at a scan")
+    return lambda located, bank, seen, wheels=REST: function(located, bank, seen, wheels, q)
 
 
 def ended(points, at, share):
@@ -91,7 +101,6 @@ def test_people_hardly_move_the_belief_and_do_not_put_it_in_doubt(room):
     assert state_of(located, ROBOT) == LOST
 
 
-@slow_in_plain
 @pytest.mark.parametrize("start", [(500.0, 500.0, 0.0), (-3.0, 2.0, 1.0)])
 def test_a_belief_outside_of_the_map_is_lost_after_its_patience_and_found_by_its_evidence(room, start, in_machine_code):
     points, bank, states = scan_of(room, HERE, 60), empty(), []
@@ -105,7 +114,6 @@ def test_a_belief_outside_of_the_map_is_lost_after_its_patience_and_found_by_its
     assert max(off(located, HERE)) < 0.02
 
 
-@slow_in_plain
 @pytest.mark.parametrize("unknown", [True, False])
 def test_among_people_a_robot_is_found_and_its_own_place_not_given_up_before(room, unknown, in_machine_code):
     """Without a place of its own it may take one that nearly all beams of a scan fit by luck."""
@@ -120,16 +128,6 @@ def test_among_people_a_robot_is_found_and_its_own_place_not_given_up_before(roo
     assert max(off(located, THERE)) < 0.05
 
 
-@pytest.fixture(scope="module")
-def in_machine_code():
-    from turtlebot_gym.compiled.packing import as_tuple
-    from turtlebot_gym.compiled.program import compiled
-
-    q = as_tuple(ROBOT)
-    function = compiled(lambda located, bank, seen, wheels, q: look(located, bank, seen, wheels, q), "look at a scan")
-    return lambda located, bank, seen, wheels=REST: function(located, bank, seen, wheels, q)
-
-
 def driven(room, half, way, wheels, in_machine_code):
     """Return states and errors of a robot that drives through a room, and localizes itself in a part of its map."""
     located, bank, results = locate(way[0], CLOSE, ROBOT), empty(), []
@@ -141,7 +139,6 @@ def driven(room, half, way, wheels, in_machine_code):
     return tuple(map(np.array, zip(*results, strict=True)))
 
 
-@slow_in_plain
 @pytest.mark.parametrize("known", [3.0, 4.0])
 def test_a_belief_that_leaves_its_map_is_not_driven_by_for_long_and_right_again_inside(room, known, in_machine_code):
     """Its partner: a belief in the whole map, which is never lost on the same way."""
@@ -158,7 +155,6 @@ def test_a_belief_that_leaves_its_map_is_not_driven_by_for_long_and_right_again_
     assert errors.max() < 0.1
 
 
-@slow_in_plain
 @pytest.mark.parametrize("spike", [(0.0, -0.6, 0.0), (0.3, 0.3, -0.35)])
 def test_a_robot_whose_scans_fit_is_not_lost_by_a_leap_of_its_odometry(room, spike, in_machine_code):
     way = [Pose(0.8 + 0.02 * k, 2.75, 0.2) for k in range(40)]
@@ -168,7 +164,6 @@ def test_a_robot_whose_scans_fit_is_not_lost_by_a_leap_of_its_odometry(room, spi
     assert errors.max() < 0.1
 
 
-@slow_in_plain
 @pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (0.25, 0.25), (0.0, 0.25), (0.1, 0.3)])
 def test_a_place_believed_anew_is_left_if_more_beams_end_short_than_before(room, before, after, in_machine_code):
     """Its partner: the same beams do not move a robot whose place was never in doubt."""
@@ -186,7 +181,6 @@ def test_a_place_believed_anew_is_left_if_more_beams_end_short_than_before(room,
     assert (LOST in anew) == (after > before)
 
 
-@slow_in_plain
 def test_in_a_long_corridor_a_place_that_looks_like_all_others_is_not_believed(in_machine_code):
     """Its partner: an end that is in sight tells them apart."""
     occupied = np.pad(corridor(), ((0, 0), (0, 400)), mode="edge")

@@ -1,4 +1,4 @@
-"""The view without a browser: a file holds all that it needs, and names are text."""
+"""The view without a browser: a file holds all that it needs, and names are text; what `watch` refuses."""
 
 import re
 import sys
@@ -7,6 +7,9 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+
+pytest.importorskip("bokeh", reason="needs the extra [agents]")
+
 from bokeh.document import Document
 from bokeh.models.glyphs import Image as ImageGlyph
 
@@ -14,6 +17,7 @@ from turtlebot_gym.drive import Drive, RoomData, Seen
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan
 from turtlebot_gym.values import Pose
+from turtlebot_gym_agents import watch
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_view import style
 from turtlebot_gym_view.maps import _extent, _picture
@@ -77,7 +81,8 @@ def test_names_are_text():
 
 
 def test_a_notebook_shows_the_page_in_a_frame_that_loads_nothing():
-    page = Page(drives=[make_drive(5, scans=1)], title='"A" & B')
+    page = replace(watch("bearing", "proportional", seed=3), title='"A" & B')
+    assert [drive.around.label for drive in page.drives] == ["bearing", "proportional"]
     shown = Loads(page._repr_html_())
     assert shown.loads == []
     assert shown.frames == [page.html()] or len(shown.frames[0]) == len(page.html())  # but for the numbers of models
@@ -177,3 +182,23 @@ def test_a_missing_bokeh_is_named_with_the_remedy(tmp_path, capsys, monkeypatch)
     monkeypatch.setitem(sys.modules, "bokeh", None)
     assert main(["watch", "--html", str(tmp_path / "a.html")]) == 2
     assert "turtlebot-gym[agents]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--policy", "nothing"), ("--env", "nothing"), ("--drive", "nothing"), ("--noise", "nothing"), ("--seed", "-1")],
+)
+def test_a_wrong_option_is_refused_in_one_line_and_nothing_is_written(option, value, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["watch", option, value, "--html", "a.html"]) == 2
+    printed = capsys.readouterr()
+    assert not printed.out
+    assert printed.err.startswith("turtlebot-gym: ")
+    assert printed.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_more_drives_than_there_are_colours_are_refused_before_they_are_driven(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("turtlebot_gym_agents.evaluation.recording.record_episode", lambda *_, **__: pytest.fail("driven"))
+    assert main(["watch", "--policy", *["bearing"] * 7, "--html", str(tmp_path / "a.html")]) == 2
+    assert capsys.readouterr().err == "turtlebot-gym: a view shows 1 to 6 drives, got 7.\n"
