@@ -1,7 +1,6 @@
 """Messages as no sender should send them: any field of a type holds any value that its type can hold."""
 
 import math
-import random
 import re
 from functools import cache
 from importlib import import_module
@@ -46,13 +45,13 @@ def _any(kind, chance, most):
     return [_any(inner, chance, most if number < 5 else 0) for _ in range(number)]
 
 
-def anything(message_type, chance=random, most=400):
+def anything(message_type, chance, most=400):
     """Return a message of which every field is drawn."""
     fields = message_type.get_fields_and_field_types()
     return message_type(**{name: _any(kind, chance, most) for name, kind in fields.items()})
 
 
-def spoil(message, chance=random):
+def spoil(message, chance):
     """Change one field of a message, at any depth."""
     fields = message.get_fields_and_field_types()
     if not fields:

@@ -3,26 +3,19 @@
 import itertools
 import math
 import random
-import subprocess
-import sys
 import time
-import warnings
-from importlib import import_module
 
 import pytest
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # rclpy's parser warns of a module of Python's own
-    pytest.importorskip("rosidl_generator_py", reason="needs the extra [ros]")
-
+from burger import WORDS
+from diagnostic_msgs.msg import DiagnosticArray
 from hostile_messages import healthy, hostile
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from cmd_vel_guard.process import Runner
+from cmd_vel_guard.guard import CmdVelGuard
 from turtlebot_gym.parameters import is_covariance
 from turtlebot_gym.values import Fix, Pose
-from turtlebot_gym_ros.base.executor import FastExecutor
+from turtlebot_gym_ros import Shell
+from turtlebot_gym_ros.blocks import KalmanFilter, VelocityController
 from turtlebot_gym_ros.node.block import FARTHEST
 from turtlebot_gym_ros.node.convert import CONVERSIONS, conversion
 
@@ -99,67 +92,35 @@ def test_what_is_farther_than_any_robot_is_refused_and_not_written(name, far):
             KINDS[name].write(Pose(far, 0.0, 0.0), message.header)
 
 
-# Real nodes.
-
-
-BURGER = "-p max_linear:=0.2108 -p max_angular:=2.635 -p wheel_separation:=0.16 -p radius:=0.105 -p scan_x:=-0.032"
-NODES = {
-    "kalman_filter": "-p takes_fixes:=true",
-    "cmd_vel_guard": f"{BURGER} -p collision_monitor:=true -p geofence:=3.0 -p require_standby:=true",
-    "velocity_controller": "-p start_enabled:=true",
-}
-"""Nodes that move a robot, with their parameters. Each is in a namespace of its own, and alone there."""
-MESSAGES, PERIOD = 1500, 0.0025
-"""Number of messages, and the time between them, s: on no topic a flood."""
-
-
-def publishers_of(node, name):
-    """Return the type of each topic that a node hears, and a publisher on it."""
-    deadline = time.monotonic() + 120.0
-    topics = []
-    while time.monotonic() < deadline and not topics:
-        time.sleep(0.5)
-        if (name, f"/{name}") in node.get_node_names_and_namespaces():
-            topics = node.get_subscriber_names_and_types_by_node(name, f"/{name}")
-    found, qos = [], QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    for topic, kinds in topics:
-        if topic != "/parameter_events":
-            package, part, kind = kinds[0].split("/")
-            found.append((getattr(import_module(f"{package}.{part}"), kind), topic))
-    assert found
-    return [(kind, node.create_publisher(kind, topic, qos)) for kind, topic in found]
-
-
 @pytest.mark.slow
-def test_no_node_ends(tmp_path):
-    chance, runner, processes = random.Random(MESSAGES), Runner(executor=FastExecutor), {}
+def test_no_message_ends_a_node(make_runner, peer, wait_for):
+    """Nodes that move a robot, each in a namespace of its own, hear 1,500 messages: on no topic a flood."""
+    guard = make_runner("--ros-args", "-r", "__ns:=/a", *WORDS, "-p", "collision_monitor:=true", "-p", "geofence:=3.0")
+    blocks = {"/b": (KalmanFilter, {"takes_fixes": True}), "/c": (VelocityController, {"start_enabled": True})}
+    nodes, chance, publishers = [CmdVelGuard(guard.context)], random.Random(1500), []
+    guard.add(nodes[0])
+    for namespace, (block, overrides) in blocks.items():
+        runner = make_runner()
+        shell = Shell(block, block.Params, namespace=namespace, context=runner.context, overrides=overrides)
+        runner.add(shell)
+        nodes.append(shell.node)
+    qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    for node in nodes:
+        topics = {topic.topic_name: topic.msg_type for topic in node.subscriptions if "events" not in topic.topic_name}
+        assert len(topics) > 1
+        publishers += [(kind, peer.speak(topic, kind, qos)) for topic, kind in topics.items()]
 
     def stamped(kind):
         message = healthy(kind)
         if hasattr(message, "header"):
-            message.header.stamp = node.get_clock().now().to_msg()
+            message.header.stamp = peer.node.get_clock().now().to_msg()
             message.header.frame_id = chance.choice(("odom", "map"))
         return message
 
-    for name, given in NODES.items():
-        package = "cmd_vel_guard" if name.startswith("cmd_vel") else "turtlebot_gym_ros"
-        command = [sys.executable, "-m", package, name, "--ros-args", *given.split(), "-r", f"__ns:=/{name}"]
-        with (tmp_path / f"{name}.log").open("w") as log:
-            processes[name] = subprocess.Popen(command, cwd=tmp_path, stdout=log, stderr=subprocess.STDOUT)
-    runner.start()
-    try:
-        node = Node("attacker", context=runner.context)
-        runner.add(node)
-        publishers = [pair for name in NODES for pair in publishers_of(node, name)]
-        for k in range(MESSAGES):
-            kind, publisher = chance.choice(publishers)
-            publisher.publish(hostile(lambda kind=kind: stamped(kind), chance))
-            time.sleep(PERIOD)
-            if k % 100 == 0 or k == MESSAGES - 1:
-                ended = [name for name, process in processes.items() if process.poll() is not None]
-                assert not ended, [(tmp_path / f"{name}.log").read_text()[-3000:] for name in ended]
-    finally:
-        runner.close()
-        for process in processes.values():
-            process.terminate()
-            process.wait(30.0)
+    for _ in range(1500):
+        kind, publisher = chance.choice(publishers)
+        publisher.publish(hostile(lambda kind=kind: stamped(kind), chance))
+        time.sleep(0.0025)
+    reports = peer.hear("/diagnostics", DiagnosticArray)
+    names = {node.get_fully_qualified_name() for node in nodes}
+    wait_for(lambda: names <= {status.name for report in list(reports) for status in report.status})
