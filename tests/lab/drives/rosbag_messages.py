@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from turtlebot_gym.tracking.tracker import FLOAT32, POINT_FIELDS
+
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="needs rosbags, of the extras [deploy] and [ros]")
 typesys = pytest.importorskip("rosbags.typesys")
 
@@ -12,6 +14,9 @@ Plugin = rosbag2.StoragePlugin
 TYPES = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 ODOMETRY, POSE, POINT = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PointStamped"
 TRANSFORM, TF, TWIST = "geometry_msgs/msg/TransformStamped", "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/Twist"
+NIS, REPORT = "geometry_msgs/msg/Vector3Stamped", "diagnostic_msgs/msg/DiagnosticArray"
+RANGE, SCAN = "sensor_msgs/msg/Range", "sensor_msgs/msg/LaserScan"
+MARKERS, CLOUD = "visualization_msgs/msg/MarkerArray", "sensor_msgs/msg/PointCloud2"
 
 
 def make(kind, *values, **named):
@@ -60,6 +65,52 @@ def odometry(seconds, place, speeds=(0.0, 0.0), *, variances=(0.0, 0.0, 0.0), me
 def transform(seconds, place, child="base", frame="world"):
     x, y, theta = place
     return make(TRANSFORM, header(seconds, frame), child, make("geometry_msgs/msg/Transform", vector(x, y), turn(theta)))
+
+
+def diagnostics(seconds, name, text, level=0):
+    return make(REPORT, header(seconds), [make("diagnostic_msgs/msg/DiagnosticStatus", level, name, text, "", [])])
+
+
+def marker(kind, at, size, points=()):
+    return make(
+        "visualization_msgs/msg/Marker",
+        header(10.0),
+        "obstacles",
+        0,
+        kind,
+        0,
+        at,
+        size,
+        make("std_msgs/msg/ColorRGBA", 0.0, 0.0, 0.0, 1.0),
+        make("builtin_interfaces/msg/Duration", 0, 0),
+        False,
+        [point(x, y) for x, y in points],
+        [],
+        "",
+        make("sensor_msgs/msg/CompressedImage", header(0.0), "", np.zeros(0, np.uint8)),
+        [],
+        "",
+        "",
+        make("visualization_msgs/msg/MeshFile", "", np.zeros(0, np.uint8)),
+        False,
+    )
+
+
+def room():
+    corners = [(-3.0, -2.0), (3.0, -2.0), (3.0, 2.0), (-3.0, 2.0), (-3.0, -2.0)]
+    walls, circle = (
+        marker(4, pose(0.0, 0.0, 0.0), vector(0.05), corners),
+        marker(3, pose(1.0, 0.5, 0.0), vector(0.6, 0.6, 0.3)),
+    )
+    return make(MARKERS, [walls, circle, marker(1, pose(-1.0, -1.0, 0.7), vector(0.4, 0.2, 0.3))])
+
+
+def tracks(seconds, numbers):
+    """Return tracks as points, one for each row of numbers."""
+    fields = [make("sensor_msgs/msg/PointField", name, 4 * at, FLOAT32, 1) for at, name in enumerate(POINT_FIELDS)]
+    data = np.frombuffer(np.pad(numbers, ((0, 0), (0, 1))).astype("<f4").tobytes(), np.uint8)
+    number, size = len(numbers), 4 * len(POINT_FIELDS)
+    return make(CLOUD, header(seconds, "base"), 1, number, fields, False, size, number * size, data, True)
 
 
 def write_bag(folder, messages, *, plugin=Plugin.SQLITE3, compressed=False, silent=()):

@@ -10,7 +10,6 @@ from drawing import draw
 from drive_samples import recorded
 from rosbag_messages import ODOMETRY, POINT, POSE, TF, TRANSFORM, TWIST, Plugin, header, make, odometry, point, pose, write_bag
 
-from turtlebot_gym.tracking.tracker import FLOAT32, POINT_FIELDS
 from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.drives.reading import pose_sensors
 from turtlebot_gym_lab.drives.topics import Topics
@@ -136,20 +135,12 @@ def test_empty_bags_and_other_files_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("plugin", list(Plugin))
-def test_a_truncated_bag_is_refused_or_its_good_part_used(tmp_path, plugin):
+def test_a_bag_that_was_cut_short_is_refused_in_one_line(tmp_path, plugin):
     folder = write_bag(tmp_path / "bag", messages_of(SHORT), plugin=plugin)
     data = next(path for path in folder.iterdir() if path.suffix in (".db3", ".mcap"))
     data.write_bytes(data.read_bytes()[: data.stat().st_size // 2])
-    try:
-        drive = read(folder)
-    except ValueError as refusal:
-        remark = str(refusal)
-    else:
-        assert len(drive) < 120
-        remark = drive.remarks[-1]
-    assert remark.startswith(f"{folder}: ")
-    assert "the bag is damaged or incomplete" in remark or "messages" in remark
-    assert "\n" not in remark
+    with pytest.raises(ValueError, match=f"^{folder}: the bag is damaged or incomplete[^\n]*$"):
+        read(folder)
 
 
 def test_messages_whose_time_runs_backwards_are_left_out_and_counted(tmp_path):
@@ -186,68 +177,15 @@ def test_without_rosbags_the_error_names_what_to_install(bag, monkeypatch):
         read(bag)
 
 
-# A drive of this project's graph, by hand.
-
-NIS, REPORT = "geometry_msgs/msg/Vector3Stamped", "diagnostic_msgs/msg/DiagnosticArray"
-RANGE, SCAN = "sensor_msgs/msg/Range", "sensor_msgs/msg/LaserScan"
-MARKERS, CLOUD = "visualization_msgs/msg/MarkerArray", "sensor_msgs/msg/PointCloud2"
-
-
-def diagnostics(seconds, name, text, level=0):
-    return make(REPORT, header(seconds), [make("diagnostic_msgs/msg/DiagnosticStatus", level, name, text, "", [])])
-
-
-def marker(kind, at, size, points=()):
-    return make(
-        "visualization_msgs/msg/Marker",
-        header(10.0),
-        "obstacles",
-        0,
-        kind,
-        0,
-        at,
-        size,
-        make("std_msgs/msg/ColorRGBA", 0.0, 0.0, 0.0, 1.0),
-        make("builtin_interfaces/msg/Duration", 0, 0),
-        False,
-        [point(x, y) for x, y in points],
-        [],
-        "",
-        make("sensor_msgs/msg/CompressedImage", header(0.0), "", np.zeros(0, np.uint8)),
-        [],
-        "",
-        "",
-        make("visualization_msgs/msg/MeshFile", "", np.zeros(0, np.uint8)),
-        False,
-    )
-
-
-def room():
-    corners = [(-3.0, -2.0), (3.0, -2.0), (3.0, 2.0), (-3.0, 2.0), (-3.0, -2.0)]
-    walls, circle = (
-        marker(4, pose(0.0, 0.0, 0.0), ros.vector(0.05), corners),
-        marker(3, pose(1.0, 0.5, 0.0), ros.vector(0.6, 0.6, 0.3)),
-    )
-    return make(MARKERS, [walls, circle, marker(1, pose(-1.0, -1.0, 0.7), ros.vector(0.4, 0.2, 0.3))])
-
-
-def tracks(seconds, numbers):
-    """Return tracks as points, one for each row of numbers."""
-    fields = [make("sensor_msgs/msg/PointField", name, 4 * at, FLOAT32, 1) for at, name in enumerate(POINT_FIELDS)]
-    data = np.frombuffer(np.pad(numbers, ((0, 0), (0, 1))).astype("<f4").tobytes(), np.uint8)
-    number, size = len(numbers), 4 * len(POINT_FIELDS)
-    return make(CLOUD, header(seconds, "base"), 1, number, fields, False, size, number * size, data, True)
-
-
 def graph_drive():
     """Return the messages of a drive of five steps of 0.1 s along x, recorded a second late."""
     ranges = np.array([1.0, 2.0, np.inf, 0.01], np.float32)
-    beams = make(SCAN, header(10.2, "laser"), 0.0, 4.712, 1.5708, 0.0, 0.0, 0.1, 3.5, ranges, np.zeros(0, np.float32))
+    beams = make(ros.SCAN, header(10.2, "laser"), 0.0, 4.712, 1.5708, 0.0, 0.0, 0.1, 3.5, ranges, np.zeros(0, np.float32))
     messages = [
-        ("/obstacles", MARKERS, 11.0, room()),
-        ("/diagnostics", REPORT, 11.15, diagnostics(500.0, "/cmd_vel_guard", "collision monitor: slow", 1)),
+        ("/obstacles", ros.MARKERS, 11.0, ros.room()),
+        ("/diagnostics", ros.REPORT, 11.15, ros.diagnostics(500.0, "/cmd_vel_guard", "collision monitor: slow", 1)),
         ("/reference", POSE, 11.0, make(POSE, header(10.0), pose(2.0, 1.0, 0.5))),
-        ("/scan", SCAN, 11.2, beams),
+        ("/scan", ros.SCAN, 11.2, beams),
     ]
     for k in range(5):
         at, received = 10.0 + 0.1 * k, 11.0 + 0.1 * k
@@ -260,10 +198,15 @@ def graph_drive():
                 received,
                 odometry(at, (0.1 * k + 0.01, 0.0, 0.0), (0.2, 0.1), variances=(0.04, 0.09, 0.01)),
             ),
-            ("/nis", NIS, received, make(NIS, header(at), ros.vector(1.5 + k))),
-            ("/clearance", RANGE, received, make(RANGE, header(at), 0, 6.28, -math.inf, math.inf, 0.5 - 0.125 * k, 0.0)),
-            ("/tracks", CLOUD, received, tracks(at, np.full((5, 8), 0.125 * k))),
-            ("/diagnostics", REPORT, received, diagnostics(500.0, "/kalman_filter", "not the guard", 2)),
+            ("/nis", ros.NIS, received, make(ros.NIS, header(at), ros.vector(1.5 + k))),
+            (
+                "/clearance",
+                ros.RANGE,
+                received,
+                make(ros.RANGE, header(at), 0, 6.28, -math.inf, math.inf, 0.5 - 0.125 * k, 0.0),
+            ),
+            ("/tracks", ros.CLOUD, received, ros.tracks(at, np.full((5, 8), 0.125 * k))),
+            ("/diagnostics", ros.REPORT, received, ros.diagnostics(500.0, "/kalman_filter", "not the guard", 2)),
         ]
     messages += [("/odom", ODOMETRY, 11.41, odometry(10.4, (0.43, 0.0, 0.0), (0.2, 0.1)))]  # sent again, as in lock-step
     return sorted(messages, key=lambda message: message[2])
@@ -321,23 +264,15 @@ def test_the_mount_of_the_lidar_is_that_of_tf_static_if_it_states_it(tmp_path, f
     assert any("by /tf_static and not by its preset" in remark for remark in drive.remarks) == (frame == "laser")
 
 
-def test_a_value_holds_for_a_second(tmp_path):
+def test_a_value_holds_for_a_second_and_what_was_not_recorded_is_unknown(tmp_path):
     messages = [("/odom", ODOMETRY, 10.0 + t, odometry(10.0 + t, (0.0, 0.0, 0.0))) for t in (0.0, 0.5, 1.1)]
     messages.append(("/estimate", ODOMETRY, 10.0, odometry(10.0, (3.0, 0.0, 0.0))))
     messages.append(("/reference", POSE, 10.0, make(POSE, header(10.0), pose(7.0, 0.0, 0.0))))
-    drive = read(write_bag(tmp_path / "bag", messages))
-    np.testing.assert_array_equal(drive.estimate[:, 0], [3.0, 3.0, np.nan])
-    np.testing.assert_array_equal(drive.reference[:, 0], [7.0, 7.0, 7.0])  # a waypoint holds indefinitely
-
-
-def test_a_bag_of_odometry_alone_leaves_the_rest_unknown(tmp_path):
-    messages = [message for message in graph_drive() if message[0] == "/odom"]
     drive = read(write_bag(tmp_path / "bag", messages), label="the floor")
-    assert drive.around.label == "the floor"
-    assert drive.around.room is None
+    np.testing.assert_array_equal(drive.estimate[:, 0], [3.0, 3.0, np.nan])
+    assert (drive.around.label, drive.around.room, drive.scans) == ("the floor", None, ())
     assert np.isnan(drive.true_state).all()
-    assert np.isnan(drive.estimate).all()
-    assert len(drive) == 5
+    np.testing.assert_array_equal(drive.reference[:, 0], [7.0, 7.0, 7.0])  # a waypoint holds indefinitely
 
 
 def test_the_bag_of_a_real_turtlebot3_says_what_is_odd_in_it():
