@@ -51,20 +51,6 @@ def pytest_collection():
         gc.freeze()
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """Leave to `make test-all` the cases beyond a sample."""
-    cases = {}
-    for item in items:
-        if mark := item.get_closest_marker("sample"):
-            cases.setdefault((item.path, item.originalname, mark.args[0]), []).append(item)
-    for (*_, number), found in cases.items():
-        chosen = {len(found) * at // number for at in range(number)}
-        for at, item in enumerate(found):
-            if at not in chosen:
-                item.add_marker(pytest.mark.slow)
-
-
 def _in_step(batch, plain, low=-1.0, high=1.0, steps=100, *, policy=None):
     from turtlebot_gym.compiled.packing import flatten
 

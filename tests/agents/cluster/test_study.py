@@ -138,7 +138,6 @@ def test_an_evaluation_does_not_depend_on_how_it_is_split(request_, monkeypatch)
     assert split.trajectory.true_state.tobytes() == expected.trajectory.true_state.tobytes()
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # Ray's own, of sockets and processes that it leaves to the collector
 @pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs ray")
 def test_a_study_on_ray_equals_one_process(tmp_path):
