@@ -52,7 +52,7 @@ def test_an_observation_is_the_same_in_scalar_vector_and_plain_environments(case
 
 
 def test_a_history_shows_what_was_seen_before_and_at_first_the_first():
-    env = gym.make(ROOMS, observation="ekf,twist*3@2")
+    env = gym.make(NAV, observation="ekf,twist*3@2")
     place, seen = slices_of(env.unwrapped.observation_terms)["twist"], []
     observed, _ = env.reset(seed=2)
     for step in range(12):
@@ -65,10 +65,10 @@ def test_a_history_shows_what_was_seen_before_and_at_first_the_first():
 
 
 def test_an_environment_with_own_terms_passes_gymnasiums_checks_and_is_made_again():
-    env = gym.make(ROOMS, observation="ekf,own_parts:BUMPER")
+    env = gym.make(NAV, observation="ekf,own_parts:SPEEDOMETER")
     check_env(env.unwrapped, skip_render_check=True)
     again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
-    assert json.loads(env.spec.to_json())["kwargs"]["observation"] == "ekf,own_parts:BUMPER"
+    assert json.loads(env.spec.to_json())["kwargs"]["observation"] == "ekf,own_parts:SPEEDOMETER"
     np.testing.assert_array_equal(env.reset(seed=5)[0], again.reset(seed=5)[0])
 
 
