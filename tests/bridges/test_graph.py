@@ -102,12 +102,12 @@ class Robot:
     """A simulated robot and its nodes as processes, and the tools that ask and tell them."""
 
     def __init__(self, launch, domain, peer, wait_for):
-        self._launch, self._domain, self.until, self.nodes = launch, domain, wait_for, {}
+        self._launch, self._domain, self.until = launch, domain, wait_for
         self.odometry = peer.hear("odom", Odometry, SENSOR)
 
     def start(self, name):
         given = [] if name == "turtlebot_simulator" else ["--params-file", str(ROBOT)]
-        self.nodes[name] = self.tool(name, "--ros-args", *given, *WORDS.get(name, []))
+        self.tool(name, "--ros-args", *given, *WORDS.get(name, []))
 
     def tool(self, *words):
         package = "cmd_vel_guard" if words[0] in GUARDS else "turtlebot_gym_ros"

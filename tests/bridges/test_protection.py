@@ -162,30 +162,17 @@ class SoleMover(Mover):
     inputs = {"odometry": replace(Mover.inputs["odometry"], sole=True)}
 
 
-def speak_beside(bench):
-    """Let another publisher of odometry come, with the name of the first one's node, and return it when it is heard of."""
-    count = bench.shell.inputs.feeds["odometry"]._subscription.get_publisher_count
-    before = count()
-    other = bench.peer.speak("odom", Odometry)
-    bench.wait_for(lambda: count() == before + 1 and other.get_subscription_count())
-    return other
-
-
-def silence(bench, publisher):
-    """End a publisher of odometry, and wait until it is known."""
-    count = bench.shell.inputs.feeds["odometry"]._subscription.get_publisher_count
-    before = count()
-    bench.peer.node.destroy_publisher(publisher)
-    bench.wait_for(lambda: count() == before - 1)
-
-
 @pytest.mark.parametrize("beside", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_source_that_takes_anothers_place_moves_nothing_until_a_person_enables(make_bench, beside):
     """Whatever its name, before or after the end of the other."""
     bench = driving(make_bench, make=SoleMover)
-    right, bench.odometry = bench.odometry, speak_beside(bench) if beside else None
-    silence(bench, right)
-    bench.odometry = bench.odometry or speak_beside(bench)
+    right, count = bench.odometry, bench.shell.inputs.feeds["odometry"]._subscription.get_publisher_count
+    for number in (2, 1) if beside else (0, 1):
+        if number > count():
+            bench.odometry = bench.peer.speak("odom", Odometry)
+        else:
+            bench.peer.node.destroy_publisher(right)
+        bench.wait_for(lambda number=number: count() == number)
     bench.wait_for(lambda: bench.send() or (bench.advance(0.02) and "/odom has another source, /peer:" in bench.state))
     bench.settle()
     del bench.commands[:]

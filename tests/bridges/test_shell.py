@@ -1,7 +1,7 @@
 """The shell around small blocks: what it owns for all nodes, on real DDS, and two sources of one input."""
 
-import importlib.util
 import itertools
+import runpy
 import time
 from pathlib import Path
 
@@ -26,21 +26,13 @@ from turtlebot_gym_ros.nodes import BLOCKS, load
 EXAMPLE = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/examples/face_east.py"
 
 
-@pytest.fixture(scope="module")
-def example():
-    spec = importlib.util.spec_from_file_location("face_east", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.parametrize("stamped", [True, False])
-def test_the_same_block_is_a_node(example, runner, peer, wait_for, stamped):
-    kind = TwistStamped if stamped else Twist
+def test_the_same_block_is_a_node(runner, peer, wait_for, stamped):
+    example, kind = runpy.run_path(EXAMPLE), TwistStamped if stamped else Twist
     odometry, commands = peer.speak("odom", Odometry), peer.hear("cmd_vel", kind)
     reports = peer.hear("/diagnostics", DiagnosticArray)
     overrides = {"gain": 2, "start_enabled": True, "enable_stamped_cmd_vel": stamped}  # an integer will do for a float
-    runner.add(Shell(example.FaceEast, example.Params, context=runner.context, overrides=overrides))
+    runner.add(Shell(example["FaceEast"], example["Params"], context=runner.context, overrides=overrides))
     message, stamps = Odometry(), itertools.count(1)
     message.header.frame_id = "odom"
     orientation = message.pose.pose.orientation

@@ -13,19 +13,6 @@ ROS = ("rclpy", "geometry_msgs", "nav_msgs", "sensor_msgs", "diagnostic_msgs", "
 ROOT = Path(__file__).parents[2]
 
 
-class Without:
-    """A finder that does not find some packages."""
-
-    def __init__(self, finder, names):
-        self._finder, self._names = finder, names
-
-    def find_spec(self, name, path=None, target=None):
-        return None if name.split(".")[0] in self._names else self._finder.find_spec(name, path, target)
-
-    def __getattr__(self, name):
-        return getattr(self._finder, name)
-
-
 NUMBERS = {"max_linear": 0.2108, "max_angular": 2.635, "max_wheel": 0.2097, "wheel_separation": 0.16, "radius": 0.105}
 """Of a Burger, for the guard."""
 
@@ -75,7 +62,7 @@ def test_filter_policy_and_guard_give_the_same_bits_without_what_trains_and_draw
 
 
 if __name__ == "__main__":
-    sys.meta_path[:] = [Without(finder, sys.argv[1:]) for finder in sys.meta_path]
+    sys.modules |= dict.fromkeys(sys.argv[1:])  # an import of these fails
     for row in drive():
         print(*(number.hex() for number in row))
     print(*sorted(installed()))

@@ -199,7 +199,7 @@ def test_a_person_puts_a_standing_robot_elsewhere_and_odometry_goes_on_from_ther
         belief = node.step(0.1, seen(1.0 + 0.01 * k, 0.0, 0.0, Command(0.1, 0.0)))["estimate"].belief
     assert belief.mean[:3] == pytest.approx((5.0, -3.0 + 1.99, math.pi / 2.0), abs=1e-6 if noise == "wheel" else 0.1)
     node.reset()
-    assert node.step(0.0, STANDING)["estimate"].belief.mean.x == (0.0 if filter == "tutorial" else 1.0)
+    assert node.step(0.0, STANDING)["estimate"].belief.mean.x == 1.0
 
 
 @pytest.mark.parametrize(
