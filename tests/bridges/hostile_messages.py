@@ -5,6 +5,9 @@ import re
 from functools import cache
 from importlib import import_module
 
+from turtlebot_gym_ros.node.block import Tracks
+from turtlebot_gym_ros.node.convert import conversion
+
 LARGE = [1e5, 1e9, 3e9, 1e100, 1e154, 1e200, 1e308, 1.7976931348623157e308, math.inf]
 SMALL = [0.0, 5e-324, 1e-320, 1e-170, 2.2e-308, 1e-30, 0.5, 1.0, 3.0, math.pi]
 REALS = [sign * number for number in SMALL + LARGE for sign in (1.0, -1.0)] + [math.nan]
@@ -99,13 +102,7 @@ def healthy(message_type):
         message.angle_increment, message.range_min, message.range_max = 0.0174, 0.12, 3.5
         message.ranges = [1.0] * 360
     if message_type.__name__ == "PointCloud2":
-        from turtlebot_gym_ros.node.block import Tracks
-        from turtlebot_gym_ros.node.convert import conversion
-
         return conversion(Tracks).write(Tracks((0.5,) * 40), message.header)
     if message_type.__name__ == "OccupancyGrid":
         message.info.resolution, message.info.width, message.info.height, message.data = 0.05, 20, 20, [0] * 400
-    if message_type.__name__ == "DiagnosticArray":
-        values = [_type("diagnostic_msgs/KeyValue")(key="nis", value="3.0")]
-        message.status = [_type("diagnostic_msgs/DiagnosticStatus")(values=values)]
     return message

@@ -37,23 +37,16 @@ def test_what_breaks_a_rule_is_refused_by_its_words(name):
             Parameters(**{name: value})
 
 
-@pytest.fixture
-def make_node(runner):
-    nodes = []
-
-    def make(**given):
-        overrides = [Parameter(name, value=value) for name, value in given.items()]
-        options = {"parameter_overrides": overrides, "automatically_declare_parameters_from_overrides": True}
-        nodes.append(Node("declared", context=runner.context, **options))
-        return nodes[-1]
-
-    yield make
-    for node in nodes:
-        node.destroy_node()
+def make_node(runner, **given):
+    overrides = [Parameter(name, value=value) for name, value in given.items()]
+    options = {"parameter_overrides": overrides, "automatically_declare_parameters_from_overrides": True}
+    node = Node("declared", context=runner.context, **options)
+    runner.add(node)
+    return node
 
 
-def test_parameters_are_declared_with_their_rules_and_read_only(make_node):
-    node = make_node(**NUMBERS, rate=100, collision_monitor=True)  # an integer will do for a float
+def test_parameters_are_declared_with_their_rules_and_read_only(runner):
+    node = make_node(runner, **NUMBERS, rate=100, collision_monitor=True)  # an integer will do for a float
     (declared,) = declare(node, KIND)
     assert declared == Parameters(rate=100.0, collision_monitor=True)
     Arbiter(declared, 100.0)
@@ -73,9 +66,9 @@ def test_parameters_are_declared_with_their_rules_and_read_only(make_node):
         ({"max_age": 0.6}, "max_age must be a number above 0 and at most 0.5 s, got 0.6."),
     ],
 )
-def test_wrong_names_types_and_values_are_refused(make_node, given, said):
+def test_wrong_names_types_and_values_are_refused(runner, given, said):
     with pytest.raises(ValueError, match=re.escape(said)):
-        declare(make_node(**{**NUMBERS, **given}), KIND)
+        declare(make_node(runner, **{**NUMBERS, **given}), KIND)
 
 
 def test_the_clock_of_a_node_that_runs_cannot_be_changed(runner, peer):
