@@ -91,8 +91,6 @@ class Drive:
     """Distance from the footprint to the nearest surface, shape (T,), m."""
     level: Annotated[NDArray[np.float64], ()] = _UNKNOWN
     """Level of the guard's report, shape (T,), as in ``diagnostic_msgs/DiagnosticStatus``."""
-    gyro: Annotated[NDArray[np.float64], ()] = _UNKNOWN
-    """Turning rate measured by a gyro at each row, shape (T,), rad/s."""
     fix: Annotated[NDArray[np.float64], ()] = _UNKNOWN
     """Whether a fix arrived at each row, 1 or 0, shape (T,)."""
     tracks: Annotated[NDArray[np.float64], (NEAREST, len(TRACK_BOUNDS[0]))] = _UNKNOWN

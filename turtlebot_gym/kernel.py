@@ -93,10 +93,6 @@ def is_plain() -> bool:
     return True
 
 
-def fetch(array: Any, index: int) -> None:
-    """Ask for the cache line of a number that will be read soon; in plain Python do nothing."""
-
-
 def in_loops(loop: Callable[..., Any]) -> Callable[[F], F]:
     """Decorate a function of whole arrays that compiled loops replace by one of loops, with the same results to the last bit.
 

@@ -96,14 +96,6 @@ for _name in ("thread", "threads"):
 IN_PLACE[kernel.is_plain] = lambda body: False
 
 
-@_stands_for(kernel.fetch)
-def _fetch(body: Any, array: Array, index: Any) -> None:
-    code = body.code
-    code.module.declared.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
-    place = code.moved(array.address, index, array.strides[-1])
-    code.do(f"call void @llvm.prefetch.p0(ptr {place.name}, i32 0, i32 3, i32 1)")
-
-
 # Python: tuples exist only while a kernel is translated
 
 for _function in (getattr, filled, numbers_of):

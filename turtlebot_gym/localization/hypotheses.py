@@ -23,7 +23,7 @@ from turtlebot_gym.localization import bank as banks
 from turtlebot_gym.localization import descent
 from turtlebot_gym.localization.bank import AGE, AGREES, FITS, LAST, LOG_WEIGHT, MOST, NONE, OFF, RIGHT, TRIAL, UNLIKELY
 from turtlebot_gym.localization.descent import APART, LEAST_BEAMS, TURNED, WIDTH, agreement, descend, gain_of, keep
-from turtlebot_gym.localization.information import Guess, ScanPoints, fetch_ends
+from turtlebot_gym.localization.information import Guess, ScanPoints
 from turtlebot_gym.localization.localizer import CALM, HABIT, SILENT, SURE, Located, locate, scan
 from turtlebot_gym.localization.points import Timing, pose_of, swept, to_points
 from turtlebot_gym.localization.tuning import LocalizerTuning
@@ -256,8 +256,7 @@ def correct_by_scan(
     """
     trail, points = memory.trail, np.empty((5, int(q.beams)))
     number = to_points(ranges, beams, int(located.scans), timing, trail, points)
-    sight, mean = ScanPoints(memory.field, memory.field_frame, points, number), located.belief.mean
-    fetch_ends(sight, Guess(mean.x, mean.y, mean.theta, located.scale.mean))
+    sight = ScanPoints(memory.field, memory.field_frame, points, number)
     return look(located, memory.bank, sight, pose_of(trail[0, 1:]), q, swept(timing, len(ranges), trail))
 
 

@@ -18,11 +18,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from turtlebot_gym.estimation.update import Projection, Sixth, of_row, update_both
-from turtlebot_gym.kernel import is_plain, kernel
+from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.points import DX, DY, LENGTH, X, Y
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import sincos
-from turtlebot_gym.rooms.field import fetch_around, sample
+from turtlebot_gym.rooms.field import sample
 from turtlebot_gym.values import Belief, Covariance, Pose
 
 FLAT = 0.5
@@ -114,16 +114,6 @@ def _rate(room: Any, k: int, P: Covariance, sixth: Sixth, q: LocalizerTuning, dr
     weight = 1.0 / (1.0 + d * d / (max(S, R) * wide))
     room[_GT + k], room[_GS + k], room[_WEIGHT + k] = gt, gs, weight * weight / R if known else 0.0
     room[_FITS + k] = 1.0 if known & (d * d < max(NEAR * NEAR, wide * R)) else 0.0
-
-
-@kernel
-def fetch_ends(sight: ScanPoints, at: Guess) -> None:
-    """Prefetch the part of a field that `information` will read at a guess; only compiled code waits for memory."""
-    field, frame, points, number = sight
-    sine, cosine = sincos(at.theta)
-    for k in range(0 if is_plain() else number):
-        x, y = float(points[X, k]), float(points[Y, k])
-        fetch_around(field, frame, at.x + cosine * x - sine * y, at.y + sine * x + cosine * y)
 
 
 @kernel

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.kernel import fetch, in_loops, kernel, sqrt
+from turtlebot_gym.kernel import in_loops, kernel, sqrt
 
 REACH = 1.0
 """Greatest distance in a field, m: beams that end farther from a surface have no pull."""
@@ -146,13 +146,3 @@ def sample(field: Any, frame: Any, x: float, y: float) -> Sampled:
         along_row * cosine - along_column * sine,
         along_row * sine + along_column * cosine,
     )
-
-
-@kernel
-def fetch_around(field: Any, frame: Any, x: float, y: float) -> None:
-    """Prefetch the numbers that `sample` will read at a point: memory outside of the cache is slow."""
-    rows, columns = field.shape
-    column, row = _from_centres(frame, x, y)
-    at = int(min(max(row, 0.0), rows - 1.0)) * columns + int(min(max(column, 0.0), columns - 1.0))
-    fetch(field, at)
-    fetch(field, at + columns)

@@ -51,7 +51,7 @@ class DriveResult(Result):
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What is known of the drive, by name; see the class."""
         drive, around = self.record, self.record.around
-        names = (*_PARTS, "covariance", "twist", "nis", "clearance", "gyro")
+        names = (*_PARTS, "covariance", "twist", "nis", "clearance")
         arrays = {name: getattr(drive, name) for name in names}
         arrays = {"time": drive.time, **{name: array for name, array in arrays.items() if np.isfinite(array).any()}}
         arrays["nees"] = np.full(len(drive), np.nan)

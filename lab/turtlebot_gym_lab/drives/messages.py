@@ -57,7 +57,6 @@ TYPES: dict[str, tuple[str, ...]] = {
     "nis": ("geometry_msgs/msg/Vector3Stamped",),
     "clearance": ("sensor_msgs/msg/Range",),
     "scan": ("sensor_msgs/msg/LaserScan",),
-    "imu": ("sensor_msgs/msg/Imu",),
     "tf": TRANSFORMS,
     "tf_static": TRANSFORMS,
     "obstacles": ("visualization_msgs/msg/MarkerArray",),
@@ -105,7 +104,6 @@ _READ: dict[str, Callable[[Any], Any]] = {
     "nis": lambda message: float(message.vector.x),
     "clearance": lambda message: message.range,
     "scan": _scan,
-    "imu": lambda message: (message.angular_velocity.z,),
     "obstacles": room_of,
     "map": grid_of,
     "hypotheses": _places,
@@ -184,7 +182,6 @@ class DriveListener:
         around = RoomData(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
         received = self["received"].held(time) if self["received"] else time
         reports = self["diagnostics"].latest(received, (math.nan, ""))
-        gyro: Any = self["imu"].nearest(time, 1)[:, 0] if self["imu"] and len(time) > 1 else None
         drive = Drive(
             time=time,
             true_state=truth,
@@ -195,7 +192,6 @@ class DriveListener:
             twist=self["twist"].before(time, 5)[:, 3:] if self["twist"] else odom[:, 3:],
             nis=self["nis"].held(time, fresh=HELD),
             clearance=self["clearance"].held(time, fresh=HELD),
-            gyro=gyro,
             tracks=self["tracks"].held(time, (NEAREST, len(TRACK_BOUNDS[0])), fresh=HELD),
             level=np.array([level for level, _ in reports]),
             report=tuple(text for _, text in reports),
