@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.config import as_int, choose, refusal
 from turtlebot_gym.envs import common
-from turtlebot_gym.envs.pictures import Pictures
+from turtlebot_gym.envs.rendering import Pictures
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -189,7 +189,6 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             room = make_room(world, p.room.lidar, p.dt)
             self._batch.set_world(p._replace(room=room), world if isinstance(world, FloorPlan) else None)
             self._world = world
-            self._pictures.forget()  # they hold the arrays of the old world
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Advance by one control interval.

@@ -15,7 +15,7 @@ from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.loop import FLAGS
 from turtlebot_gym.config import choose, refusal
 from turtlebot_gym.envs import common
-from turtlebot_gym.envs.pictures import Pictures
+from turtlebot_gym.envs.rendering import Pictures
 from turtlebot_gym.envs.vector import SeededVectorEnv
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.scene import Scene
@@ -97,7 +97,7 @@ class NavigationVectorEnv(SeededVectorEnv):
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
         """Use other parameters from the next step on: one for all environments, or one for each."""
         self._batch.set_parameters(parameters)
-        self._pictures.forget()  # they show the old robots and rooms
+        self._pictures.begin(self._everywhere)  # they show the old robots and rooms
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

@@ -1,14 +1,13 @@
-"""The picture of one environment: its drive so far, seen from above, and its room if it has one."""
+"""Pictures of environments: the drive so far, seen from above, and the room if there is one."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
@@ -30,8 +29,37 @@ _MARGIN, _GROWTH = 0.5, 1.25
 _TEXT, _BODY = "#57606a", "#c8c8c8"
 
 
+class Pictures:
+    """Draws the first environments of a batch, each with the trails of its episode.
+
+    Args:
+        batch: The environments.
+        mode: "rgb_array", or None for no pictures.
+        rows: Number of environments to draw.
+    """
+
+    def __init__(self, batch: Batch, mode: str | None, rows: int) -> None:
+        self._batch, self._mode, self._rows = batch, mode, rows
+        self._renderers: dict[int, Renderer] = {}
+
+    def begin(self, mask: NDArray[np.bool_]) -> None:
+        """Forget trails, robot and room where the mask, shape (N,), is true, because an episode begins there."""
+        self._renderers = {row: renderer for row, renderer in self._renderers.items() if not mask[row]}
+
+    def render(self, is_begun: bool) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return a picture of each environment, (height, width, 3); None, with a warning, where none was asked for."""
+        if self._mode is None:
+            gym.logger.warn("render() needs a render_mode: make the environment with render_mode='rgb_array'.")
+            return None
+        if not is_begun:
+            raise ResetNeeded("Call reset() before render().")
+        missing = set(range(self._rows)) - self._renderers.keys()
+        self._renderers |= {row: Renderer(self._batch, row) for row in missing}
+        return tuple(self._renderers[row].draw(self._batch.world(row)) for row in range(self._rows))
+
+
 class Renderer:
-    """Draws the world of one environment; a robot that leaves the map widens the view until the reset.
+    """Draws the world of one environment during an episode; a robot that leaves the map widens the view.
 
     Args:
         batch: The environments, whose rooms are looked at in each picture.
@@ -39,22 +67,22 @@ class Renderer:
     """
 
     def __init__(self, batch: Batch, row: int = 0) -> None:
-        self._p, self._waypoints = batch.parameters_of(row), batch.waypoints[row, :, :2]
+        self._p, waypoints = batch.parameters_of(row), batch.waypoints[row, :, :2]
         self._scene = scene_at(batch.scenes, row) if self._p.room else None
-        self.reset()
-
-    def reset(self) -> None:
-        """Clear the trails, and return to the initial view."""
         arena = self._p.task.arena
         x, y, a, b = walls = (0.0, 0.0, arena, arena) if self._scene is None else self._scene.room.walls.tolist()
         self._arena = Obstacles(walls, (), ())
-        seen = [(x - a, y - b), (x + a, y + b)] if self._p.task.random else [(0.0, 0.0), *self._waypoints]
+        seen = [(x - a, y - b), (x + a, y + b)] if self._p.task.random else [(0.0, 0.0), *waypoints]
         low, high = np.min(seen, axis=0), np.max(seen, axis=0)
         self._centre, self._half = (low + high) / 2.0, float(np.max(high - low)) / 2.0 + _MARGIN
         self._rows: list[dict[str, Any]] = []
 
     def draw(self, world: Snapshot) -> NDArray[np.uint8]:
         """Draw a world, add it to the trails, and return the picture, shape (HEADER + SIDE, SIDE, 3)."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to import, and most runs draw nothing
+        from matplotlib.figure import Figure
+        from matplotlib.patches import Circle
+
         truth, (mean, covariance), waypoint = world.body.true_state, world.estimate.belief, world.course.reference
         row = {"true_state": truth, "estimate": mean, "covariance": matrix(covariance), "reference": waypoint}
         self._rows.append(row | {"odometry": world.senses.odometry.pose})
@@ -86,6 +114,8 @@ class Renderer:
 
     def _draw_surroundings(self, axes: Any, scene: Scene, world: Snapshot) -> None:
         """Draw the map, what stands, who walks, and the newest scan."""
+        from matplotlib.patches import Circle  # as above
+
         if grid := grid_in(scene):
             draw_map(axes, grid)
         room, lidar, walkers = obstacles_of(scene), self._p.room.lidar, scene.room.circles[scene.room.circles[:, 3:].any(1), :3]
