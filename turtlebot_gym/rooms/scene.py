@@ -94,6 +94,8 @@ class Scene(NamedTuple):
     room: RoomShape
     lidar: LidarBuffers
     memory: LocalizerMemory
+    tracker: Any = ()
+    """A `tracking.tracker.TrackerMemory`; an empty tuple without a tracker."""
 
 
 def arrays_of(scene: Any) -> list[NDArray[Any]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -27,19 +27,10 @@ from turtlebot_gym.rooms.rules import GIVEN
 from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.system import System
 from turtlebot_gym.tracking.sweep import Sweep
-from turtlebot_gym.tracking.tracker import TrackerMemory, begin, look, make_memory, memory_at, on_odometry, on_scan, poses_for
+from turtlebot_gym.tracking.tracker import begin, look, make_memory, memory_at, on_odometry, on_scan, poses_for
 
 UNIFORM = 1.0 / math.sqrt(3.0)
 """Standard deviation of a number that is uniform in [-1, 1]."""
-
-
-class TrackedScene(NamedTuple):
-    """The arrays of a `rooms.scene.Scene`, and a tracker's."""
-
-    room: Any
-    lidar: Any
-    memory: Any
-    tracker: TrackerMemory
 
 
 @kernel
@@ -138,14 +129,14 @@ def tracking(system: System) -> System:
     around = system.surroundings
     make_before, at_before, first_look_before, look_before = around.make, around.at, around.first_look, around.look
 
-    def make(parameters: Sequence[Parameters]) -> TrackedScene:
+    def make(parameters: Sequence[Parameters]) -> Any:
         beams = max(int(row.room.lidar.beams) for row in parameters)
         poses = max(poses_for(1.0 / row.room.lidar.rate, row.dt) for row in parameters)
-        return TrackedScene(*make_before(parameters), tracker=make_memory(len(parameters), beams=beams, poses=poses))
+        return make_before(parameters)._replace(tracker=make_memory(len(parameters), beams=beams, poses=poses))
 
     @kernel
     def at(scenes, index):
-        return TrackedScene(*at_before(scenes, index), tracker=memory_at(scenes.tracker, index))
+        return at_before(scenes, index)._replace(tracker=memory_at(scenes.tracker, index))
 
     @kernel
     def first_look(world, key, p, scene):

@@ -18,7 +18,6 @@ from turtlebot_gym.rooms.rules import GIVEN
 from turtlebot_gym.rooms.scan import Scan, mounted, obstacles_of
 from turtlebot_gym.rooms.scene import scene_at
 from turtlebot_gym.systems import Parameters
-from turtlebot_gym.systems.scans import TrackedScene
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.driving import driven
 from turtlebot_gym_agents.evaluation.episodes import ending_of
@@ -54,7 +53,7 @@ def record_episode(
                 scene = scene_at(scenes, 0)
                 rooms.append(obstacles_of(scene))
                 ranges.append(scene.lidar.ranges[1].copy())
-                if isinstance(scenes, TrackedScene):
+                if scenes.tracker:
                     infos[-1]["tracks"] = scenes.tracker.seen[0].copy()
                 if p.localizer:
                     trail = Pose(*scene.memory.trail[0, 1:4].tolist())
