@@ -60,8 +60,7 @@ class ProcessNoise:
 class OdometryNoise:
     """Difference between the measured pose and the true one.
 
-    Without ``wheel`` the measurement is the true pose with white noise, bias, heading spikes, drop-outs and
-    quantization. With ``wheel`` it is the pose integrated from the wheels since the start: it reflects the commands that the
+    Without ``wheel`` the measurement is the true pose with white noise, bias, heading spikes and drop-outs. With ``wheel`` it is the pose integrated from the wheels since the start: it reflects the commands that the
     wheels carried out but not the noise of their execution, so its error is smooth and grows.
     """
 
@@ -78,8 +77,6 @@ class OdometryNoise:
     gap_end: Annotated[float, config.PROBABILITY] = 1.0
     """Probability per measurement that a loss is the last one: 1 for losses that have nothing to do with each other, less for
     gaps, as of messages that come late, all at once, of which the newest counts."""
-    quantization: Annotated[tuple[float, ...], config.Numbers(config.NON_NEGATIVE, 2)] = (0.0, 0.0)
-    """Resolution of position and heading; m, rad. Zero for none."""
     wheel: bool = False
     """Whether the odometry integrates the wheels instead of measuring the pose; the next five are for such odometry alone."""
     leap_probability: Annotated[float, config.PROBABILITY] = 0.0

@@ -96,15 +96,14 @@ _EXACT = {"scale": 1.0, "turn_scale": 1.0, "veer": 0.0}
 def matched(noise: Noise) -> FilterTuning:
     """Return the tuning that matches the noise in use.
 
-    R is the variance of the measurement: white noise, spikes, and quantization (a uniform error). Q is that of the executed
+    R is the variance of the measurement: white noise and spikes. Q is that of the executed
     twist; bursts of slip enter by the long-run variance of their Markov chain, ``s^2 p (1 - p) (1 + r) / (1 - r)`` with p the
     share of time in a burst and r the chain's correlation from step to step. Both have floors. A covariance cannot express a
     bias, so a filter under bias is not consistent.
     """
     process, odometry = noise.process, noise.odometry
-    position, heading = (step * step / 12.0 for step in odometry.quantization)
     spikes = odometry.spike_probability * odometry.spike**2
-    R = (odometry.R[0] + position, odometry.R[1] + position, odometry.R[2] + heading + spikes)
+    R = (*odometry.R[:2], odometry.R[2] + spikes)
     change = process.slip_start + process.slip_end
     share = process.slip_start / change if change > 0.0 else 0.0
     bursts = process.slip**2 * share * (1.0 - share) * (2.0 - change) / change if change > 0.0 else 0.0

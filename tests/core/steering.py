@@ -12,7 +12,6 @@ SHAKY = Noise(
         spike_probability=0.1,
         spike=0.5,
         dropout_probability=0.1,
-        quantization=(0.005, 0.01),
     ),
 )
 """Every kind of error at once."""

@@ -58,10 +58,9 @@ def test_the_matched_filter_knows_what_a_filter_can_know(name):
     assert not tuning.from_origin
 
 
-def test_the_matched_filter_counts_quantization_as_a_uniform_error_and_has_a_floor_for_each_number():
-    # A step of 0.12 m: 0.12^2 / 12 = 0.0012 m^2. A step of 0.06 rad: 0.06^2 / 12 = 0.0003 rad^2. Spikes: 0.1 * 0.2^2 = 0.004.
-    odometry = OdometryNoise(R=(0.01, 0.02, 0.03), quantization=(0.12, 0.06), spike_probability=0.1, spike=0.2)
-    assert list(matched(Noise(odometry=odometry)).R) == pytest.approx([0.0112, 0.0212, 0.0343], rel=1e-12)
+def test_the_matched_filter_counts_spikes_and_has_a_floor_for_each_number():
+    odometry = OdometryNoise(R=(0.01, 0.02, 0.03), spike_probability=0.1, spike=0.2)  # 0.1 * 0.2^2 = 0.004
+    assert list(matched(Noise(odometry=odometry)).R) == pytest.approx([0.01, 0.02, 0.034], rel=1e-12)
     assert list(matched(Noise(odometry=OdometryNoise(R=(0.04, 0.0, 2e-6)))).R) == pytest.approx([0.04, 1e-6, 2e-6], rel=1e-12)
 
 

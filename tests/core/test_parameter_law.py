@@ -33,7 +33,7 @@ ROBOT = Robot(max_linear=0.25, max_angular=2.0, wheel_separation=0.2, max_wheel=
 ROBOT = replace(ROBOT, max_angular_acceleration=3.0)
 PROCESS = ProcessNoise(alpha1=0.01, alpha2=0.002, alpha3=0.03, alpha4=0.01, scale=1.03, turn_scale=0.9, veer=0.05)
 PROCESS = replace(PROCESS, slip=0.4, slip_start=0.1, slip_end=0.3)
-SPIKES = {"spike_probability": 0.1, "spike": 0.4, "dropout_probability": 0.1, "quantization": (0.01, 0.02)}
+SPIKES = {"spike_probability": 0.1, "spike": 0.4, "dropout_probability": 0.1}
 ODOMETRY = OdometryNoise(R=(0.01, 0.02, 0.03), bias=(0.03, -0.02, 0.04), **SPIKES)
 LEAPING = replace(ODOMETRY, wheel=True, leap_probability=0.1, leap=0.3, leap_turn=0.4)
 LEAPING = replace(LEAPING, reset_probability=0.05, reverse_probability=0.4)

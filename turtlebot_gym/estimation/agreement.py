@@ -74,11 +74,11 @@ class Agreement:
     """
 
     def __init__(self, robot: Robot, noise: Noise, *, leaps: bool = False) -> None:
-        R, (grid, step) = noise.odometry.R, noise.odometry.quantization
+        R = noise.odometry.R
         spike = noise.odometry.spike if noise.odometry.spike_probability > 0.0 else 0.0
-        self._limits, self._grids, self._leaps = (robot.max_linear, robot.max_angular), (grid, step), leaps
+        self._limits, self._leaps = (robot.max_linear, robot.max_angular), leaps
         self._shares = tuple(share + (1.0 - share) * noise.process.slip for share in SHARES)
-        self._noise = SPREAD * math.sqrt(2.0 * max(R[:2])) + 2.0 * grid, SPREAD * math.sqrt(2.0 * R[2]) + 2.0 * (step + spike)
+        self._noise = SPREAD * math.sqrt(2.0 * max(R[:2])), SPREAD * math.sqrt(2.0 * R[2]) + 2.0 * spike
         self.begin()
 
     def begin(self, left: Pose | None = None) -> None:
@@ -198,12 +198,9 @@ class Agreement:
         place = now if place.pose[:2] != now.pose[:2] else place
         heading = now if heading.pose.theta != now.pose.theta else heading
         self._moved = place, heading
-        if now.way - place.way > FLOOR[0] + LAG * max(abs(now.twist.v), abs(place.twist.v)) + 3.0 * self._grids[0]:
+        if now.way - place.way > FLOOR[0] + LAG * max(abs(now.twist.v), abs(place.twist.v)):
             return "the pose does not move though the wheels are said to turn"
-        if (
-            now.turned - heading.turned
-            > FLOOR[1] + LAG * max(abs(now.twist.omega), abs(heading.twist.omega)) + 3.0 * self._grids[1]
-        ):
+        if now.turned - heading.turned > FLOOR[1] + LAG * max(abs(now.twist.omega), abs(heading.twist.omega)):
             return "the heading stands still though the robot is said to turn: is the IMU alive?"
         return ""
 

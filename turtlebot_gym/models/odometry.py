@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from turtlebot_gym.kernel import floor, kernel, sqrt
+from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import PI, TWO_PI, sincos, wrap
 from turtlebot_gym.models.random import COUNT, EVENTS, HEADING, LEAP, POSITION, normals, uniforms
 from turtlebot_gym.parameters import REFERENCE_PERIOD, OdometryNoise
 from turtlebot_gym.values import Command, Odometry, Pose
-
-
-@kernel
-def quantize(value: float, resolution: float) -> float:
-    """Round to a multiple of the resolution; a resolution of zero leaves the value as it is."""
-    rounded = resolution * floor(value / (resolution if resolution > 0.0 else 1.0) + 0.5)
-    return rounded if resolution > 0.0 else value
 
 
 @kernel
@@ -29,9 +22,9 @@ def measure(
     spike = noise.spike if event < half else (-noise.spike if event < noise.spike_probability else 0.0)
     x, y, theta = wheels if noise.wheel else pose
     return Pose(
-        quantize(x + noise.bias[0] + sqrt(noise.R[0]) * position[0], noise.quantization[0]),
-        quantize(y + noise.bias[1] + sqrt(noise.R[1]) * position[1], noise.quantization[0]),
-        wrap(quantize(theta + noise.bias[2] + sqrt(noise.R[2]) * heading + spike, noise.quantization[1])),
+        x + noise.bias[0] + sqrt(noise.R[0]) * position[0],
+        y + noise.bias[1] + sqrt(noise.R[1]) * position[1],
+        wrap(theta + noise.bias[2] + sqrt(noise.R[2]) * heading + spike),
     )
 
 

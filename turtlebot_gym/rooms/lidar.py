@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE, PROBABILITY, Numbers, Range, check_fields, refusal
-from turtlebot_gym.kernel import kernel
+from turtlebot_gym.kernel import floor, kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos
-from turtlebot_gym.models.odometry import quantize
 from turtlebot_gym.models.random import normals, uniforms
 
 SECTORS = 36
@@ -145,6 +144,13 @@ def aim(beams, lidar: Lidar) -> None:
             behind = angle - sector[0] - TWO_PI * math.floor((angle - sector[0]) / TWO_PI)
             blind = blind | (behind < sector[1])
         beams[2, beam] = math.inf if blind else lidar.range_min
+
+
+@kernel
+def quantize(value: float, resolution: float) -> float:
+    """Round to a multiple of the resolution; a resolution of zero leaves the value as it is."""
+    rounded = resolution * floor(value / (resolution if resolution > 0.0 else 1.0) + 0.5)
+    return rounded if resolution > 0.0 else value
 
 
 @kernel

@@ -134,11 +134,7 @@ class Options:
         return split(self.task)[0] in ("room", "mission") or self.world is not None or self.lidar is not None
 
     def course(self) -> tuple[Task, tuple[Pose, ...]]:
-        """Return the task and its waypoints.
-
-        Raises:
-            ValueError: If a name is unknown, or an option does not suit the task.
-        """
+        """Return the task and its waypoints; a ``ValueError`` if a name is unknown, or an option does not suit the task."""
         name = ("room" if self.in_room else "nav") if self.task is None else split(self.task)[0]
         task = given(Task, name if self.task is None else self.task, TASKS, "task")
         if task.random and (self.waypoints is not None or self.switch == "time" or self.laps not in (None, 1)):

@@ -98,11 +98,7 @@ class System(NamedTuple):
         return self._replace(sensors=tuple(sensors.values()), example=example)
 
     def with_rewards(self, *terms: RewardTerm) -> System:
-        """Return the system with further terms of the reward.
-
-        Raises:
-            ValueError: If it has a term of that name.
-        """
+        """Return the system with further terms of the reward; a ``ValueError`` if it has a term of that name."""
         names = [term.name for term in (*self.rewards, *terms)]
         for name in names:
             if names.count(name) > 1:
