@@ -41,11 +41,7 @@ class Beams(NamedTuple):
 
 
 def beams_of(ranges: ArrayLike, *, first: float, increment: float, range_min: float, range_max: float) -> Beams:
-    """Return the beams of a scan, by the fields of its ``sensor_msgs/LaserScan``.
-
-    Raises:
-        ValueError: With one line, if the scan cannot be read.
-    """
+    """Return the beams of a scan, by the fields of its ``sensor_msgs/LaserScan``; a ``ValueError`` says why none can be."""
     lengths = np.array(ranges, np.float32).reshape(-1)
     number, step = len(lengths), abs(increment)
     unit = "inches" if 0.0 < range_min < 8.0 else "cm" if 0.0 < range_min < 40.0 or range_max < 3000.0 else "mm"

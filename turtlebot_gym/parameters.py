@@ -60,8 +60,9 @@ class ProcessNoise:
 class OdometryNoise:
     """Difference between the measured pose and the true one.
 
-    Without ``wheel`` the measurement is the true pose with white noise, bias, heading spikes and drop-outs. With ``wheel`` it is the pose integrated from the wheels since the start: it reflects the commands that the
-    wheels carried out but not the noise of their execution, so its error is smooth and grows.
+    Without ``wheel`` the measurement is the true pose with white noise, bias, heading spikes and drop-outs. With ``wheel`` it
+    is the pose integrated from the wheels since the start: it reflects the commands that the wheels carried out but not the
+    noise of their execution, so its error is smooth and grows.
     """
 
     R: Annotated[tuple[float, ...], config.Numbers(config.NON_NEGATIVE, 3)] = (0.0, 0.0, 0.0)

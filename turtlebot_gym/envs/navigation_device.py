@@ -65,11 +65,10 @@ class NavigationDeviceEnv(SeededVectorEnv):
         autoreset_mode: NEXT_STEP or SAME_STEP of `gymnasium.vector.AutoresetMode`, or its name.
         info: "default"; others need the engine, like `render_mode`.
         render_mode: None.
-        **options: See `NavigationEnv`; rooms need the engine.
+        **options: See `NavigationEnv`, whose errors are raised, too; rooms need the engine.
 
     Raises:
-        ValueError: If an argument is out of its range, if the device is not there or cannot do what is asked.
-        TypeError: If an argument is unknown.
+        ValueError: If the device is not there or cannot do what is asked.
         ImportError: If torch is not installed.
     """
 

@@ -55,11 +55,7 @@ class NavigationVectorEnv(SeededVectorEnv):
             SAME_STEP (the same step returns it), or DISABLED (stepping a finished environment is an error).
         info: "default"; "rewards", with what each term adds to the reward; or "full".
         render_mode: None or "rgb_array", for pictures of the first `DRAWN` environments.
-        **options: See `NavigationEnv`.
-
-    Raises:
-        ValueError: If an argument is out of its range.
-        TypeError: If an argument is unknown.
+        **options: See `NavigationEnv`, whose errors are raised, too.
     """
 
     def __init__(

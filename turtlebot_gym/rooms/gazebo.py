@@ -42,16 +42,9 @@ def read_gazebo(path: str | Path) -> FloorPlan:
     """Read a Gazebo world: the collisions of all its models, those included by it as well, cut at a LiDAR's height.
 
     Robots are left out; other models that can be moved stand still. Starts and goals are drawn in what the contents enclose, if
-    they do; walls are added around everything. For where models are searched for, see `sdf.read_sdf`.
-
-    Args:
-        path: An SDF file, ``.world`` or ``.sdf``.
-
-    Raises:
-        ValueError: If a file cannot be read, or nothing in it is an obstacle.
-
-    Warns:
-        UserWarning: Of each thing that is left out but may be an obstacle, and of models that can be moved.
+    they do; walls are added around everything. For where models are searched for, see `sdf.read_sdf`. A ``ValueError`` says
+    that a file cannot be read, or holds no obstacle; warnings name what is left out but may be one, and models that can be
+    moved.
     """
     bodies = [body for collision in read_sdf(Path(path)) for body in _bodies(collision)]
     outlines = [(outline, body.is_volume) for body in bodies if len(outline := _outline(body))]

@@ -154,10 +154,9 @@ def grid_in(scene: Scene) -> GridMap | None:
 
 
 def grid_of(message: Any) -> GridMap:
-    """Return the map of a ``nav_msgs/OccupancyGrid``; its resolution is the shortest decimal nearest to that of the message.
+    """Return the map of a ``nav_msgs/OccupancyGrid``; a ``ValueError`` refuses a message that holds none.
 
-    Raises:
-        ValueError: If the message does not hold a map.
+    Its resolution is the shortest decimal that is nearest to that of the message.
     """
     info, origin, q = message.info, message.info.origin.position, message.info.origin.orientation
     if len(message.data) != info.height * info.width:

@@ -29,10 +29,7 @@ _NEEDED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_t
 
 
 def read_map(path: str | Path) -> FloorPlan:
-    """Read a map as a floor plan.
-
-    Args:
-        path: The YAML file, whose image is beside it or has an absolute path.
+    """Read a map as a floor plan: its YAML file, whose image is beside it or has an absolute path.
 
     Raises:
         ValueError: If a file cannot be read or is invalid.

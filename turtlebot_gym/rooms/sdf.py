@@ -39,13 +39,8 @@ def read_sdf(path: Path) -> list[Collision]:
     """Read the collisions of a world, or of a model.
 
     Models are searched for along `SEARCHED`, in ROS's packages, beside the world and above it, in ``models`` there, and, those
-    of Gazebo's library, in Gazebo's own folder.
-
-    Raises:
-        ValueError: If a file cannot be read, or a pose is malformed or relative to a named frame.
-
-    Warns:
-        UserWarning: Of models that are left out, or that can be moved: they stand still.
+    of Gazebo's library, in Gazebo's own folder. A ``ValueError`` says that a file cannot be read, or that a pose is malformed
+    or relative to a named frame; warnings name models that are left out, or that can be moved: they stand still.
     """
     root = _parse(path)
     folders = [Path(folder) for variable in SEARCHED for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
@@ -117,11 +112,7 @@ def _find(uri: str, folders: Sequence[Path]) -> Path | None:
 
 
 def numbers_of(text: str | None, count: int, default: Sequence[float] = ()) -> list[float]:
-    """Return the finite numbers of a text; the default if there is no text.
-
-    Raises:
-        ValueError: If there is another count of numbers, or one is malformed or not finite.
-    """
+    """Return the finite numbers of a text, or the default if it is empty; a ``ValueError`` refuses another count of them."""
     values = [float(word) for word in (text or "").split()] or list(default)
     if len(values) != count or not all(abs(value) <= LARGEST for value in values):
         raise ValueError(f"{' '.join((text or '').split())!r} must be {count} finite numbers of at most {LARGEST:g}")

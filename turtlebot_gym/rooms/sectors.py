@@ -104,15 +104,12 @@ class Pooling:
         """Ranges of the last scan by sector, shape (`SECTORS`,), m; 0 in runs of more than `NARROW` sectors without a beam."""
 
     def __call__(self, scan: Scan, mount: Pose | None = None) -> list[float]:
-        """Return the shortest range in each sector, as shares of `lidar.SIGHT`.
+        """Return the shortest range in each sector, as shares of `lidar.SIGHT`; refuse another number of beams than ``beams``.
 
         Args:
             scan: The scan.
             mount: Pose of its frame in a frame that is level with the robot's, at the place from which the policy is to see;
                 None for that place, turned by ``yaw``.
-
-        Raises:
-            ValueError: If the scan has another number of beams than ``beams``.
         """
         beams = len(scan.ranges)
         if self._beams not in (0, beams):

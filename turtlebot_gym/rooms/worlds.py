@@ -45,14 +45,9 @@ def find_world(world: World) -> RoomRules | FloorPlan:
 
 
 def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> RoomRules | FloorPlan:
-    """Return the world for the options of an episode.
+    """Return the world of an episode: another ``world``, as `find_world` takes it, and with a given ``start`` or ``goal``.
 
-    Args:
-        world: World to use if the options name none.
-        options: ``world``, as `find_world` takes it; ``start`` and ``goal``, see `turtlebot_gym.tasks.given_pose`.
-
-    Raises:
-        ValueError: If a pose is malformed, outside of the room or inside a given obstacle.
+    A ``ValueError`` refuses a pose, see `turtlebot_gym.tasks.given_pose`, outside of the room or inside a given obstacle.
     """
     world = find_world(options["world"]) if "world" in options else world
     poses = {name: given_pose(name, options[name]) for name in ("start", "goal") if name in options}

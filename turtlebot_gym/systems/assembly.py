@@ -22,11 +22,7 @@ from turtlebot_gym.systems.system import System
 
 
 def system_of(parameters: Parameters) -> System:
-    """Return the system for some parameters: rooms or open ground, with their sensors and filter.
-
-    Raises:
-        ValueError: If the filter reads a sensor that the system does not have.
-    """
+    """Return the system for some parameters; a ``ValueError`` if its filter reads a sensor that it does not have."""
     p, filter = parameters, filter_of(parameters.tuning)
     late = round(p.fix.delay / p.dt) if p.fix else 0
     filter = with_fixes(filter, late) if p.fix else filter
@@ -45,7 +41,7 @@ def system_of(parameters: Parameters) -> System:
 def assemble(
     parameters: Parameters, own: Any = None, rewards: Sequence[RewardTerm] = (), observation: Sequence[str] = ()
 ) -> System:
-    """Return a system with terms of one's own.
+    """Return a system with terms of one's own; a ``ValueError`` if there is no such system, or a term lacks what it needs.
 
     Args:
         parameters: The parameters.
@@ -53,9 +49,6 @@ def assemble(
         rewards: Terms of the reward beside the system's.
         observation: Names of the terms of the observation, see `turtlebot_gym.observations.reading.read_terms`; empty for the
             system's.
-
-    Raises:
-        ValueError: If there is no such system, or a term needs what it does not have.
     """
     own = system_of if own is None else load_object(own) if isinstance(own, str) else own
     system: Any = own(parameters) if callable(own) else own

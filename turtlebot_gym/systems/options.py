@@ -166,11 +166,7 @@ class Options:
         return isinstance(based_on, Task) or "max_steps" in given
 
     def setup(self) -> Setup:
-        """Return the checked parameters, the waypoints and the floor plan.
-
-        Raises:
-            ValueError: If an option is unknown or out of its range, or two do not suit each other.
-        """
+        """Return parameters, waypoints, plan and system; a ``ValueError`` refuses an option, or two that do not suit each other."""
         task, waypoints = self.course()
         late, dt = as_int("delay", self.delay, 0, MAX_DELAY), DT.check("dt", self.dt)
         fix = () if self.fix is None else given(FixNoise, self.fix, FIXES, "fix")
@@ -252,14 +248,8 @@ def _poses(waypoints: Any) -> tuple[Pose, ...]:
 
 
 def make_parameters(task: str | Task | None = None, **options: Any) -> Parameters:
-    """Return the checked parameters of an environment.
+    """Return the checked parameters of an environment with some `Options`, by `Options.setup`, which returns floor plans, too.
 
-    Args:
-        task: See `Options`.
-        **options: Further `Options`. A floor plan is no parameter: use `Options.setup`.
-
-    Raises:
-        ValueError: As `Options.setup`.
-        TypeError: If an option is unknown.
+    A ``TypeError`` refuses an unknown option.
     """
     return Options.of({"task": task, **options}).setup().parameters

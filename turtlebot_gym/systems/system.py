@@ -108,8 +108,7 @@ class System(NamedTuple):
     def with_observation(self, *terms: ObservationTerm) -> System:
         """Return the system with another observation, and the sensors that its terms read.
 
-        Raises:
-            ValueError: If a term needs a scan or a localizer that the system does not have, or another sensor of the same name.
+        A ``ValueError`` refuses a term that needs a scan, a localizer or another sensor than the system has.
         """
         system = self._replace(terms=terms)
         for term in terms:
