@@ -166,7 +166,7 @@ class Options:
         return isinstance(based_on, Task) or "max_steps" in given
 
     def setup(self) -> Setup:
-        """Return parameters, waypoints, plan and system; a ``ValueError`` refuses an option, or two that do not suit each other."""
+        """Return parameters, waypoints, plan and system; a ``ValueError`` refuses options, and those that do not suit."""
         task, waypoints = self.course()
         late, dt = as_int("delay", self.delay, 0, MAX_DELAY), DT.check("dt", self.dt)
         fix = () if self.fix is None else given(FixNoise, self.fix, FIXES, "fix")
