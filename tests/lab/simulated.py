@@ -10,22 +10,14 @@ HOLD = 15
 """Steps for which a command is held."""
 
 
-def simulated_log(
-    noise: Noise, *, seed: int, steps: int = 3000, robot: str = "burger", dt: float = 0.1, integrator: str = "euler"
-) -> Drive:
+def simulated_log(noise: Noise, *, seed: int, steps: int = 3000, dt: float = 0.1) -> Drive:
     """Return a drive of the environment that excites all parameters: straight ahead, on the spot and in arcs, in random order.
 
-    Args:
-        noise: True noise.
-        seed: Seed of the noise and of the commands.
-        steps: Number of steps.
-        robot: Name of the robot.
-        dt: Control interval, s.
-        integrator: "euler" or "midpoint".
+    Noise and commands are drawn from the seed; dt: Control interval, s.
     """
     random = np.random.default_rng(seed)
-    options = {"robot": robot, "dt": dt, "integrator": integrator, "switch": "time", "max_episode_steps": steps + 1}
-    env = gym.make("turtlebot_gym/TurtleBotSquare-v0", noise=noise, **options).unwrapped
+    options = {"noise": noise, "dt": dt, "switch": "time", "max_episode_steps": steps + 1}
+    env = gym.make("turtlebot_gym/TurtleBotSquare-v0", **options).unwrapped
     infos = [env.reset(seed=seed)[1]]
     action = np.zeros(2, np.float32)
     for step in range(steps):
@@ -41,6 +33,4 @@ def simulated_log(
     poses = columns["odometry"]
     if not noise.odometry.wheel:
         poses[1:][(poses[1:] == poses[:-1]).all(axis=1)] = np.nan  # a lost measurement repeats the last one
-    return Drive(
-        time=np.asarray(dt * np.arange(steps + 1), np.float64), twist=twist, odometry=poses, true_state=columns["true_state"]
-    )
+    return Drive(time=dt * np.arange(steps + 1), twist=twist, odometry=poses, true_state=columns["true_state"])

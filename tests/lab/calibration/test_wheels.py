@@ -113,21 +113,12 @@ def drift(drive, wheels, length=2.0):
     return math.sqrt(float((off[:, :2] ** 2).sum(axis=1).mean()))
 
 
-def by_rows(drive):
-    """Return the turn by a regression from row to row, as of old."""
-    told = drive.twist[1:, 1] * np.diff(drive.time)
-    true = np.remainder(np.diff(drive.truth[:, 2]) + np.pi, 2.0 * np.pi) - np.pi
-    return float(told @ true) / float(told @ told)
-
-
 def test_neither_rate_nor_clock_changes_the_wheels():
     true = np.array([1.01, 0.62])
     for rate, late in zip((5.0, 10.0, 25.0, 50.0, 100.0), (0.0, 0.3, 0.05, 0.15, 0.2), strict=True):
         fitted = calibrate(logged(**CREATE, rate=rate, late=late, seed=3, noise=0.0))
         np.testing.assert_allclose(wheels_of(fitted), true, rtol=0.004, err_msg=str(rate))
         assert fitted.delay.value == pytest.approx(-late, abs=0.01)
-    # Row by row, the same log says something else at every rate.
-    assert abs(by_rows(logged(**CREATE, rate=50.0, late=0.3, seed=3, noise=0.0)) / 0.62 - 1.0) > 0.03
 
 
 def test_other_numbers_of_the_wheels_give_the_same_robot():
@@ -152,18 +143,8 @@ def test_a_file_drives_the_same_robot_no_worse_than_raw_odometry(name):
     assert (file < 0.7 * raw) == (name != "as assumed")
 
 
-def test_a_drive_without_turns_leaves_the_turn_as_usual():
-    swing = 5e-4 * np.sin(0.3 * FINE * np.arange(round(150.0 / FINE)))
-    fitted = calibrate(logged(ProcessNoise(scale=0.93, turn_scale=1.2), speed=0.3, turning=0.0, seed=8, swing=swing))
-    assert fitted.estimates["scale"].value == pytest.approx(0.93, rel=0.01)
-    assert fitted.estimates["scale"].is_determined
-    turn = fitted.estimates["turn_scale"]
-    assert (turn.value, turn.is_determined, fitted.noise.process.turn_scale) == (1.0, False, 1.0)
-    assert turn.high - turn.low > 0.3
-
-
 @pytest.mark.parametrize("seconds", [15.0, 100.0])
-@pytest.mark.parametrize("size", [0.004, 0.02])
+@pytest.mark.parametrize("size", [5e-4, 0.004, 0.02])
 def test_only_wheels_that_a_drive_tells_and_tests_are_in_the_file(size, seconds):
     swing = size * np.sin(0.3 * FINE * np.arange(round(seconds / FINE)))
     robot = ProcessNoise(scale=0.93, turn_scale=0.6)
@@ -171,6 +152,8 @@ def test_only_wheels_that_a_drive_tells_and_tests_are_in_the_file(size, seconds)
         fitted = calibrate(logged(robot, speed=0.3, turning=0.0, seconds=seconds, seed=seed, swing=swing), kind="wheel")
         turn, process = fitted.estimates["turn_scale"], fitted.noise.process
         assert turn.high - turn.low < 0.5 or (not turn.is_determined and turn.value == 1.0)
+        assert size > 5e-4 or not turn.is_determined
+        assert fitted.estimates["scale"].value == pytest.approx(0.93, rel=0.02)
         if not fitted.verdict.held:
             assert (process.scale, process.turn_scale, process.veer) == (1.0, 1.0, 0.0)
             assert "so the file has the usual" in fitted.verdict.text
@@ -215,4 +198,3 @@ def test_a_recorded_log_says_the_same_at_every_rate(wifibots, name):
         assert scale.low < true[0] < scale.high
         assert turn.low < true[1] / true[0] < turn.high
         assert fitted.verdict.is_good
-    assert abs(by_rows(wifibots["wifibot2.txt"]) - whole(wifibots["wifibot2.txt"])[1]) > 0.05

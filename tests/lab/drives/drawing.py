@@ -35,10 +35,10 @@ def wrapped(poses):
     return np.column_stack([poses[:, :2], np.remainder(poses[:, 2] + np.pi, 2.0 * np.pi) - np.pi])
 
 
-def columns_of(drive, names="t v omega x y theta true_x true_y true_theta"):
-    """Return a drive as a table's columns by name; the first nine quantities in their order."""
+def columns_of(drive):
+    """Return a drive as a table's columns by name."""
     columns = np.column_stack([drive.time, drive.twist, drive.odometry, drive.truth]).T.copy()
-    return dict(zip(names.split(), columns, strict=False))
+    return dict(zip(["t", "v", "omega", "x", "y", "theta", "true_x", "true_y", "true_theta"], columns, strict=True))
 
 
 def write(path, columns, *, mark=","):

@@ -72,37 +72,19 @@ def diagnostics(seconds, name, text, level=0):
 
 
 def marker(kind, at, size, points=()):
-    return make(
-        "visualization_msgs/msg/Marker",
-        header(10.0),
-        "obstacles",
-        0,
-        kind,
-        0,
-        at,
-        size,
-        make("std_msgs/msg/ColorRGBA", 0.0, 0.0, 0.0, 1.0),
-        make("builtin_interfaces/msg/Duration", 0, 0),
-        False,
-        [point(x, y) for x, y in points],
-        [],
-        "",
-        make("sensor_msgs/msg/CompressedImage", header(0.0), "", np.zeros(0, np.uint8)),
-        [],
-        "",
-        "",
-        make("visualization_msgs/msg/MeshFile", "", np.zeros(0, np.uint8)),
-        False,
-    )
+    colour, always = make("std_msgs/msg/ColorRGBA", 0.0, 0.0, 0.0, 1.0), make("builtin_interfaces/msg/Duration", 0, 0)
+    texture = make("sensor_msgs/msg/CompressedImage", header(0.0), "", np.zeros(0, np.uint8))
+    mesh = make("visualization_msgs/msg/MeshFile", "", np.zeros(0, np.uint8))
+    form = header(10.0), "obstacles", 0, kind, 0, at, size, colour, always, False
+    corners = [point(x, y) for x, y in points]
+    return make("visualization_msgs/msg/Marker", *form, corners, [], "", texture, [], "", "", mesh, False)
 
 
 def room():
     corners = [(-3.0, -2.0), (3.0, -2.0), (3.0, 2.0), (-3.0, 2.0), (-3.0, -2.0)]
-    walls, circle = (
-        marker(4, pose(0.0, 0.0, 0.0), vector(0.05), corners),
-        marker(3, pose(1.0, 0.5, 0.0), vector(0.6, 0.6, 0.3)),
-    )
-    return make(MARKERS, [walls, circle, marker(1, pose(-1.0, -1.0, 0.7), vector(0.4, 0.2, 0.3))])
+    walls = marker(4, pose(0.0, 0.0, 0.0), vector(0.05), corners)
+    circle, box = marker(3, pose(1.0, 0.5, 0.0), vector(0.6, 0.6, 0.3)), marker(1, pose(-1.0, -1.0, 0.7), vector(0.4, 0.2, 0.3))
+    return make(MARKERS, [walls, circle, box])
 
 
 def tracks(seconds, numbers):
@@ -113,12 +95,9 @@ def tracks(seconds, numbers):
     return make(CLOUD, header(seconds, "base"), 1, number, fields, False, size, number * size, data, True)
 
 
-def write_bag(folder, messages, *, plugin=Plugin.SQLITE3, compressed=False, silent=()):
+def write_bag(folder, messages, *, plugin=Plugin.SQLITE3, silent=()):
     """Write messages, each given as its topic, its type, when it was received, and itself; ``silent``: topics without any."""
-    writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
-    if compressed:
-        writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
-    with writer:
+    with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
         opened = {topic: writer.add_connection(topic, kind, typestore=TYPES) for topic, kind in silent}
         for topic, kind, received, message in messages:
             if topic not in opened:
