@@ -50,18 +50,14 @@ KINDS = {
 """Algorithm, policy, hyper-parameters, and wrappers of the environment."""
 
 
-def envs_of(env=NAV, count=2, **options):
-    return DummyVecEnv([lambda: gym.make(env, **options)] * count)
+def envs_of():
+    return DummyVecEnv([lambda: gym.make(NAV)] * 2)
 
 
-def trained(kind, folder, *, env=NAV, steps=128, **options):
-    """Train a kind of policy as its library's users do; save the model, and its statistics beside it."""
+def trained(kind):
+    """Train a kind of policy as its library's users do."""
     algorithm, policy, arguments, wrap = deepcopy(KINDS[kind])  # an algorithm changes its arguments
-    model = algorithm(policy, wrap(envs_of(env, **options)), device="cpu", seed=0, **arguments).learn(steps)
-    model.save(folder / "model.zip")
-    if (statistics := model.get_vec_normalize_env()) is not None:
-        statistics.save(folder / "vecnormalize.pkl")
-    return model
+    return algorithm(policy, wrap(envs_of()), device="cpu", seed=0, **arguments).learn(128)
 
 
 def library_actions(model, observations, begins):
@@ -79,12 +75,12 @@ def torch_actions(network, observations):
         return np.clip(network(torch.from_numpy(observations)).numpy(), -1.0, 1.0)
 
 
-def deployed(bundle, steps=300, every=97):
+def deployed(bundle):
     """Drive a deployment on a random walk; return its observations, where episodes began, and its actions."""
     random, deployment = np.random.default_rng(4), Deployment(bundle)
     exact = Covariance(*[1e-4] * len(Covariance._fields))
     observations, actions = [], []
-    begins = np.arange(steps) % every == 0
+    begins = np.arange(300) % 97 == 0
     pose, goal = np.zeros(3), Pose(1.0, 0.5, 0.3)
     for begin in begins:
         if begin:

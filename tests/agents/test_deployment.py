@@ -88,24 +88,11 @@ def test_evidence_equals_the_environments_with_an_external_localizer():
     episode, deployment = Episode(make_parameters(**options), seed=5), Deployment(f"{__name__}:WithEvidence")
     shown = set()
     for _ in range(60):
-        (mean, P), estimate, (reference, following, _) = (
-            episode.world.estimate.belief,
-            episode.world.estimate,
-            episode.world.course,
-        )
-        scan, age = scan_of(episode)
+        estimate, course, (scan, age) = episode.world.estimate, episode.world.course, scan_of(episode)
+        mean, P = estimate.belief
         covariance = ((P.xx, P.xy, P.xt), (P.xy, P.yy, P.yt), (P.xt, P.yt, P.tt))
-        deployment.act(
-            mean[:3],
-            covariance,
-            mean[3:],
-            scan,
-            reference,
-            following=following,
-            nis=estimate.nis,
-            scan_age=age,
-            evidence=(estimate.fits, estimate.weight),
-        )
+        more = {"nis": estimate.nis, "scan_age": age, "evidence": (estimate.fits, estimate.weight)}
+        deployment.act(mean[:3], covariance, mean[3:], scan, course.reference, following=course.following, **more)
         np.testing.assert_array_equal(deployment.observation, np.array(episode.observe(), np.float32))
         shown.add(estimate.weight)
         episode.act(deployment.action.tolist())
@@ -243,15 +230,12 @@ class TestTheFilterInside:
             ({"covariance": (0.0, 0.0, 0.0)}, "^covariance must be None and nis 0 with a filter inside"),
             ({"nis": 1.0}, "^covariance must be None and nis 0 with a filter inside"),
             ({"dt": 0.0}, "^dt must be a number above 0 and at most 1 s"),
+            ({"pose": None}, "^pose must be given in the first call"),
         ],
     )
-    def test_it_needs_no_covariance_and_a_known_interval(self, estimating, changed, message):
+    def test_it_needs_a_first_pose_no_covariance_and_a_known_interval(self, estimating, changed, message):
         with pytest.raises(ValueError, match=message):
             estimating.act(**{**self.INPUTS, **changed})
-
-    def test_it_begins_with_a_pose(self, estimating):
-        with pytest.raises(ValueError, match=r"^pose must be given in the first call"):
-            estimating.act(**{**self.INPUTS, "pose": None})
 
     def test_a_refusal_leaves_it_as_it_was(self, estimating):
         estimating.act(**self.INPUTS)

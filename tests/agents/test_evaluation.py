@@ -19,10 +19,8 @@ from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.ids import SHORT
 from turtlebot_gym_agents.provenance import plain, write_json
 
-NAV = SHORT["nav"]
-
-SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
-ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
+NAV, SQUARE, ROOMS = SHORT["nav"], SHORT["square"], SHORT["rooms"]
+SLOW = pytest.mark.slow
 
 
 def by_hand(policy: str, seed: int, *, env: str, **options) -> dict[str, float]:
@@ -100,15 +98,10 @@ def by_hand(policy: str, seed: int, *, env: str, **options) -> dict[str, float]:
     [
         ("bearing", {"env": NAV}),
         ("proportional", {"env": NAV, "observation": "odometry", "noise": "rough"}),
-        *(
-            pytest.param(policy, options, marks=pytest.mark.slow)
-            for policy, options in (
-                ("bearing", {"env": NAV, "arrival": "belief", "robot": "tutorial", "dt": 0.05}),
-                ("bearing", {"env": SQUARE, "laps": 2}),
-                ("proportional", {"env": SQUARE, "switch": "time", "robot": "tutorial", "filter": "tutorial"}),
-                ("bearing", {"env": ROOMS, "world": "dense", "lidar": "ideal"}),
-            )
-        ),
+        pytest.param("bearing", {"env": NAV, "arrival": "belief", "robot": "tutorial", "dt": 0.05}, marks=SLOW),
+        pytest.param("bearing", {"env": SQUARE, "laps": 2}, marks=SLOW),
+        pytest.param("proportional", {"env": SQUARE, "switch": "time", "robot": "tutorial", "filter": "tutorial"}, marks=SLOW),
+        pytest.param("bearing", {"env": ROOMS, "world": "dense", "lidar": "ideal"}, marks=SLOW),
     ],
 )
 def test_an_episode_is_that_of_the_scalar_environment(policy, options):

@@ -21,20 +21,18 @@ def axes():
     return Figure(layout="constrained").subplots()
 
 
-def drive(*, room=ROOM, turn=0.0, walks=False) -> Drive:
-    """Return a drive of 1 m from the origin; the second circle of its room may walk beside it."""
-    along = np.linspace(0.0, 1.0, 30)
-    poses = np.stack([along * math.cos(turn), along * math.sin(turn), np.full(30, turn)], axis=1)
+def drive() -> Drive:
+    """Return a drive of 1 m along x from the origin."""
+    poses = np.linspace((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 30)
     odometry = poses + np.random.default_rng(0).normal(0.0, 0.1, poses.shape)
-    circles = tuple(np.array([(1.0, 1.0, 0.3), (-1.0 + 0.05 * at, 1.0, 0.25)]) for at in range(30)) if walks else ()
-    around = RoomData(label="a", room=room)
-    rest = {
-        "reference": np.tile([1.0, 0.1, 0.0], (30, 1)),
-        "circles": circles,
-        "around": around,
-        "outcome": "success after 3 s",
-    }
-    return Drive(time=0.1 * np.arange(30), true_state=poses, estimate=poses + 0.02, odometry=odometry, **rest)
+    return Drive(
+        time=0.1 * np.arange(30),
+        true_state=poses,
+        estimate=poses + 0.02,
+        odometry=odometry,
+        reference=np.tile([1.0, 0.1, 0.0], (30, 1)),
+        around=RoomData(label="a", room=ROOM),
+    )
 
 
 def line(axes, label):

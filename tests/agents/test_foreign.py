@@ -35,7 +35,7 @@ def close(actions, expected):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_model_acts_in_its_bundle_and_deployment_as_in_its_library(tmp_path, kind):
-    model = trained(kind, tmp_path)
+    model = trained(kind)
     export(model, tmp_path / "policy.onnx", env=NAV, steps=100)
     observations, begins, actions = deployed(tmp_path / "policy.onnx")
     expected = library_actions(model, observations, begins)

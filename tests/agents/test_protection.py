@@ -73,7 +73,7 @@ def test_a_layer_within_another_policy_allows_for_the_noise_too():
     assert alone.noise == stopping.policy.noise == "wheel"
 
 
-def least_clearance(drive, *, delay, blind=0.0, noise="clean", robots=150, steps=60, seed=0):
+def least_clearance(drive, *, delay, blind=0.0, noise="clean", robots=150, steps=60):
     """Return the least clearance of robots among posts, m, each of which starts where it could have stopped.
 
     Args:
@@ -83,9 +83,8 @@ def least_clearance(drive, *, delay, blind=0.0, noise="clean", robots=150, steps
         noise: Name of the noise of the robots' speeds.
         robots: Number of robots.
         steps: Number of steps.
-        seed: Seed of the posts.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     posts = random.uniform(-1.2, 1.2, (robots, 40)) + 1j * random.uniform(-1.2, 1.2, (robots, 40))
     posts[np.abs(posts) < max(BURGER.radius + 0.03, blind)] = UNSEEN
     at, heading = np.zeros(robots, complex), np.zeros(robots)

@@ -34,13 +34,13 @@ def watch(returns=0.02):
     return ScanWatch(lag=0.4, returns=returns, narrow=0.56, now=T)
 
 
-def reasons(command, scans, *, watch=None, rate=0.1):
+def reasons(command, scans, *, watch=None):
     """Return what is said at each of some scans, while a command is in force."""
     watch, said = watch or ScanWatch(lag=0.4, returns=0.02, narrow=0.56, now=T), []
     watch.track.add(command, T)
     for k, ranges in enumerate(scans):
         try:
-            watch.hear(beams(ranges), T + rate * k)
+            watch.hear(beams(ranges), T + DT * k)
             said.append(watch.trouble())
         except ValueError as why:
             said.append(str(why))
