@@ -1,6 +1,6 @@
 """What moves on a map: a drive's robot, its paths so far, what it believes and sees, and the people around it.
 
-Each glyph draws one of a few small tables, the moment (`Moment`), which `moment.js` fills from the drive's tables (`columns`).
+Each glyph draws one of a few small tables, the moment (`ShownMoment`), which `moment.js` fills from the drive's tables (`columns`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ PATH = ("time", "x", "y", "ex", "ey", "ox", "oy")
 _AREAS = ("circle", "ellipse")
 
 
-class Moment(NamedTuple):
+class ShownMoment(NamedTuple):
     """What is drawn of a drive at a time."""
 
     now: ColumnDataSource
@@ -38,7 +38,7 @@ class Moment(NamedTuple):
     """The localizer's hypotheses."""
 
 
-def make_moment(tables: dict[str, Table]) -> Moment:
+def make_moment(tables: dict[str, Table]) -> ShownMoment:
     """Return an empty moment of a drive with some tables."""
 
     def empty(names: Sequence[str]) -> ColumnDataSource:
@@ -46,11 +46,11 @@ def make_moment(tables: dict[str, Table]) -> Moment:
 
     people = ("x", "y", "pillar", "person")
     now, tracks, places = (empty([*tables[name]]) for name in ("rows", "tracks", "places"))
-    return Moment(now, empty(PATH), empty(("x", "y")), empty(people), tracks, places)
+    return ShownMoment(now, empty(PATH), empty(("x", "y")), empty(people), tracks, places)
 
 
 def draw_drive(
-    figure: Figure, drive: Drive, rows: ColumnDataSource, moment: Moment, theme: Theme, ink: ThemeColour, dash: list[int]
+    figure: Figure, drive: Drive, rows: ColumnDataSource, moment: ShownMoment, theme: Theme, ink: ThemeColour, dash: list[int]
 ) -> list[tuple[Any, str]]:
     """Draw a drive on a map, its true path with an ink and dashes, and return each renderer with the name of its layer."""
     drawn: list[tuple[Any, str]] = []

@@ -22,7 +22,7 @@ from turtlebot_gym.plotting import ESTIMATE_WITHIN
 from turtlebot_gym_view import style
 from turtlebot_gym_view.columns import kept_of, require_number, tables_of
 from turtlebot_gym_view.maps import Map, make_map, place_of
-from turtlebot_gym_view.moving import Moment, draw_drive, make_moment
+from turtlebot_gym_view.moving import ShownMoment, draw_drive, make_moment
 from turtlebot_gym_view.plots import Plots, make_plots
 from turtlebot_gym_view.style import Theme
 
@@ -44,7 +44,7 @@ DETAILS = ("estimate", "odometry", "scan", "tracks", "hypotheses")
 class _Run(NamedTuple):
     sources: dict[str, ColumnDataSource]
     """Its tables by name."""
-    moment: Moment
+    moment: ShownMoment
 
 
 def fill(document: Document, drives: Sequence[Drive], *, title: str) -> None:

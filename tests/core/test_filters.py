@@ -10,7 +10,7 @@ from textbook import Textbook, believing, difference, off
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_filter
 from turtlebot_gym.estimation import ekf, update
 from turtlebot_gym.estimation.ekf import ONE_MEASUREMENT, judge
-from turtlebot_gym.estimation.filters import KalmanFilter, covariance_of, filter_of, matrix
+from turtlebot_gym.estimation.filters import FilterObject, covariance_of, filter_of, matrix
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman, Tutorial
 from turtlebot_gym.presets import POSE_GATE, ROUGH, TUTORIAL_FILTER, WHEEL
@@ -126,7 +126,7 @@ def variances(kf):
 
 @pytest.mark.parametrize("from_origin", [False, True])
 def test_it_starts_at_the_first_measurement_or_at_the_origin(from_origin):
-    kf, origin = KalmanFilter(replace(BY_HAND, from_origin=from_origin)), ([0.0] * 5, [0.1, 0.2, 0.3, 0.4, 0.5])
+    kf, origin = FilterObject(replace(BY_HAND, from_origin=from_origin)), ([0.0] * 5, [0.1, 0.2, 0.3, 0.4, 0.5])
     kf.start(Pose(1.0, 2.0, 3.0))
     measured = ([1.0, 2.0, 3.0, 0.0, 0.0], [0.5, 0.4, 0.25, 0.0, 0.0])
     assert (list(kf.belief.mean), variances(kf)) == (origin if from_origin else measured)
@@ -136,13 +136,13 @@ def test_it_starts_at_the_first_measurement_or_at_the_origin(from_origin):
 
 @pytest.mark.parametrize(("gate", "rejections"), [(9.0, 0), (math.nextafter(9.0, 0.0), 1)])
 def test_the_gate_lets_pass_what_just_reaches_it(gate, rejections):
-    kf = believing(KalmanFilter(replace(CERTAIN, kind=Kalman(gate=gate, max_rejections=3))), np.zeros(5), np.zeros((5, 5)))
+    kf = believing(FilterObject(replace(CERTAIN, kind=Kalman(gate=gate, max_rejections=3))), np.zeros(5), np.zeros((5, 5)))
     kf.step(STOP, Pose(3.0, 0.0, 0.0))  # 3^2 / (0 + 1)
     assert (kf.nis, kf.estimate.rejections) == (9.0, rejections)
 
 
 def test_a_refusal_is_forgiven_by_a_measurement_and_the_third_in_a_row_takes_it_and_its_variances():
-    kf = believing(KalmanFilter(replace(CERTAIN, R=(0.01, 0.04, 0.09)), dt=0.2), np.zeros(5), np.zeros((5, 5)))
+    kf = believing(FilterObject(replace(CERTAIN, R=(0.01, 0.04, 0.09)), dt=0.2), np.zeros(5), np.zeros((5, 5)))
     away = Pose(7.0, 8.0, 1.0)
     for z, rejections in ((away, 1), (away, 2), (Pose(0.05, 0.05, 0.0), 0), (away, 1), (away, 2), (None, 2)):
         kf.step(Command(0.1, 0.2), z)  # a lost measurement neither counts nor forgives
@@ -200,7 +200,7 @@ def test_a_gate_on_the_heading_keeps_the_position(factor, is_outlier):
 
 
 def test_odometry_as_input_carries_the_pose_along():
-    kf = KalmanFilter(replace(BY_HAND, kind=DeadReckoning()))
+    kf = FilterObject(replace(BY_HAND, kind=DeadReckoning()))
     believing(kf, (5.0, 6.0, math.pi / 2.0, 0.0, 0.0), np.diag(BY_HAND.P0))
     predicted = ekf.predict(kf.belief, Command(0.1, 0.2), BY_HAND, 0.1, EULER)
     kf.step(Command(0.1, 0.2), Pose(1.0, 1.0, 0.0))  # the first one only says where the odometry is
@@ -260,7 +260,7 @@ def test_the_covariance_stays_positive(integrator):
 @pytest.mark.parametrize("name", ["matched", "gated", "tutorial"])
 def test_steps_of_the_object_are_those_of_the_function(name):
     tuning, before = make_filter(name, ROUGH), Pose(0.3, 0.2, 0.1)
-    kf, (start, step, *_) = KalmanFilter(tuning, integrator="midpoint", dt=0.05), filter_of(tuning)
+    kf, (start, step, *_) = FilterObject(tuning, integrator="midpoint", dt=0.05), filter_of(tuning)
     kf.start(before)
     estimate = start(Senses(Odometry(before, STOP, True)), tuning)
     for command, _, z in drive():
@@ -271,4 +271,4 @@ def test_steps_of_the_object_are_those_of_the_function(name):
         assert (kf.belief, kf.nis) == (estimate.belief, estimate.nis)
     for wrong in ({"dt": 0.0}, {"dt": math.nan}, {"integrator": "rk4"}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
-            KalmanFilter(tuning, **wrong)
+            FilterObject(tuning, **wrong)

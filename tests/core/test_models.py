@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from turtlebot_gym.estimation.filters import KalmanFilter
+from turtlebot_gym.estimation.filters import FilterObject
 from turtlebot_gym.models import random
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import counted, measure, sense
@@ -209,7 +209,7 @@ def test_gaps_are_as_long_as_they_should_be(gap_end):
 @pytest.mark.parametrize(("way", "lost", "carried"), [(0.31, 0, True), (0.33, 0, False), (0.35, 2, True), (0.37, 2, False)])
 def test_a_leap_is_what_is_farther_than_the_twist_explains_in_the_time_since_the_last_pose(way, lost, carried):
     """0.3 m beyond 0.2 m/s for 0.1 s, and for 0.3 s after two lost poses."""
-    kf = KalmanFilter(matched(WHEEL))
+    kf = FilterObject(matched(WHEEL))
     kf.start(Pose(0.0, 0.0, 0.0))
     for _ in range(lost):
         kf.step(Command(0.2, 0.0))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cmd_vel_guard import collision
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import SLOWEST, Footprint, Limits, RawScan, gaps, limited, read, times_to_contact, view_of
-from cmd_vel_guard.monitor import Monitor, Timing
+from cmd_vel_guard.monitor import Monitor, ScanTiming
 from cmd_vel_guard.values import STOP, Command, Mount
 from turtlebot_gym import beams
 from turtlebot_gym.beams import beams_of, gaps_of
@@ -20,7 +20,7 @@ from turtlebot_gym.motion import into, moved
 MOUNT = Mount("base_scan", 0.0, 0.0, 0.0)
 BODY = Footprint(0.1, 0.0, MOUNT)
 LIMITS = Limits(margin=0.05, error=0.1, time=1.0, escape_speed=0.04)
-TIMING = Timing(age=0.4, period=0.2, reaction=0.2)
+TIMING = ScanTiming(age=0.4, period=0.2, reaction=0.2)
 T = 100.0
 
 
@@ -399,7 +399,7 @@ def test_the_parameters_are_those_of_the_monitor():
     monitor = Arbiter(Parameters(collision_monitor=True, **body, **mount, **kept, **times), T).monitor
     assert monitor._body == Footprint(0.22, -0.064, Mount("front", 0.1, 0.2, 0.3))
     assert monitor._limits == Limits(margin=0.01, error=0.02, time=3.0, escape_speed=0.03)
-    assert monitor._timing == Timing(age=0.1, period=0.3, reaction=0.15, returns=0.02)
+    assert monitor._timing == ScanTiming(age=0.1, period=0.3, reaction=0.15, returns=0.02)
     assert monitor._reach == pytest.approx((0.26 + 1.82 * 0.064) * 3.55)
     assert monitor._narrow == beams.narrow_gap(0.22, 0.01 + 0.26 * 3.0)
 

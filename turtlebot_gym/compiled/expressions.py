@@ -1,4 +1,4 @@
-"""Expressions of translated kernels; ``body`` is the `translate.Body` that they belong to."""
+"""Expressions of translated kernels; ``body`` is the `translate.FunctionBody` that they belong to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Statements of translated kernels; ``body`` is the `translate.Body` that they belong to."""
+"""Statements of translated kernels; ``body`` is the `translate.FunctionBody` that they belong to."""
 
 from __future__ import annotations
 

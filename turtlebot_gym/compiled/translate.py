@@ -44,7 +44,7 @@ def call(code: Code, function: FunctionType, arguments: Sequence[Any]) -> Any:
     function, made = vars(function).get("in_loops", function), code.module.made
     key = (function, *map(key_of, arguments))
     if key not in made:
-        made[key] = Body(code.module, function, arguments).made()
+        made[key] = FunctionBody(code.module, function, arguments).made()
     name, result = made[key]
     kinds = kinds_of(result)
     kind = code.module.structure(kinds)
@@ -56,7 +56,7 @@ def call(code: Code, function: FunctionType, arguments: Sequence[Any]) -> Any:
     return renamed(result, (code.put(f"extractvalue {kind} {whole}, {at}") for at in range(len(kinds))))
 
 
-class Body:
+class FunctionBody:
     """A kernel that is translated."""
 
     def __init__(self, module: Module, function: FunctionType, arguments: Sequence[Any]) -> None:

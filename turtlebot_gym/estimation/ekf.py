@@ -96,7 +96,7 @@ def correct(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float]:
     return belief, nis
 
 
-class Verdict(NamedTuple):
+class Gating(NamedTuple):
     """What becomes of a measured pose: refused or not; if refused, whether the filter is lost and starts anew from it."""
 
     refused: bool
@@ -106,17 +106,17 @@ class Verdict(NamedTuple):
 
 
 @kernel
-def judge(rejections: float, measured: bool, is_outlier: bool, tuning: FilterTuning, dt: float) -> Verdict:
+def judge(rejections: float, measured: bool, is_outlier: bool, tuning: FilterTuning, dt: float) -> Gating:
     """Return the verdict on a measurement, if there is one, by a tuning with the numbers of `parameters.Kalman`; dt in s."""
     rules, count = tuning.kind, max(rejections, 0.0) + 1.0
     refused, enough = measured & is_outlier, max(1.0 * rules.max_rejections, rules.lockout / dt - 1e-9)
     lost = refused & ((rejections < 0.0) | (count >= enough))
     after = count if refused else (0.0 if measured else rejections)
-    return Verdict(refused, lost, ONE_MEASUREMENT if lost else after)
+    return Gating(refused, lost, ONE_MEASUREMENT if lost else after)
 
 
 @kernel
-def settle(verdict: Verdict, measured: bool, prior: Belief, posterior: Belief, z: Pose, tuning: FilterTuning) -> Belief:
+def settle(verdict: Gating, measured: bool, prior: Belief, posterior: Belief, z: Pose, tuning: FilterTuning) -> Belief:
     """Return the belief after a step: predicted, corrected, or anew from the measured pose, with the twist as executed."""
     R, P = tuning.R, prior.covariance
     anew = Belief(prior.mean._replace(x=z.x, y=z.y, theta=z.theta), Covariance(R[0], 0.0, 0.0, R[1], 0.0, R[2], P.vv, P.ww))

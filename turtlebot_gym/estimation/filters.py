@@ -42,7 +42,7 @@ def covariance_of(P: NDArray[np.float64]) -> Covariance:
     return Covariance(*P[[0, 0, 0, 1, 1, 2, 3, 4], [0, 1, 2, 1, 2, 2, 3, 4]].tolist())
 
 
-class KalmanFilter:
+class FilterObject:
     """A filter of any kind as an object, which does in a `step` what environments and nodes do in a control interval, s."""
 
     def __init__(self, tuning: FilterTuning, *, dt: float = 0.1, integrator: str = "euler") -> None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.config import FINITE, NON_NEGATIVE, PROBABILITY, Range, refusal
 from turtlebot_gym.estimation.agreement import Agreement
-from turtlebot_gym.estimation.filters import KalmanFilter, filter_of
+from turtlebot_gym.estimation.filters import FilterObject, filter_of
 from turtlebot_gym.models.unicycle import command_of, limit
 from turtlebot_gym.observations import (
     EVIDENCE,
@@ -125,13 +125,13 @@ class Deployment:
         """Last action of the policy, shape (2,), in [-1, 1] or clipped to it."""
         if filter is not None and self.is_located:
             raise ValueError("filter must be None for a policy that reads 'evidence': it is a localizer's.")
-        self.filter: KalmanFilter | None = None
+        self.filter: FilterObject | None = None
         """The filter inside, with its belief; None without one."""
         if filter is not None:
             tuning = make_filter(filter, noise)
             if more := set(filter_of(tuning).reads) - {"odometry"}:
                 raise ValueError(f"filter must read odometry only, but this one also reads {', '.join(sorted(more))}.")
-            self.filter = KalmanFilter(tuning, dt=self.period, integrator=integrator)
+            self.filter = FilterObject(tuning, dt=self.period, integrator=integrator)
         self._agreement = Agreement(self.robot, noise, leaps=filter is None)
         self.reset()
 
@@ -279,7 +279,7 @@ class Deployment:
             raise ValueError(f"own must have the terms that the policy reads, {names}, got {[*own]}.")
         return {term.name: term.read(own[term.name]) for term in self.own_terms}
 
-    def _believe(self, filter: KalmanFilter, pose: Pose | None, twist: Command, dt: float) -> None:
+    def _believe(self, filter: FilterObject, pose: Pose | None, twist: Command, dt: float) -> None:
         """Advance the filter inside by an interval."""
         if self._begun:
             filter.dt = dt

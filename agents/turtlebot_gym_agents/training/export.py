@@ -227,7 +227,7 @@ def _converted(
         policy.set_training_mode(False)
         part = library.Recurrent(policy) if hasattr(policy, "lstm_actor") else library.Predicting(policy)
         memory = getattr(part, "memory", 0)
-        program, original = library.Program(part, layer), library.Sb3Policy(model, statistics, layer)
+        program, original = library.PolicyProgram(part, layer), library.Sb3Policy(model, statistics, layer)
         kind = type(model).__name__
         about |= {
             "library": f"stable_baselines3 {version('stable-baselines3')}",
@@ -235,7 +235,7 @@ def _converted(
             "steps": model.num_timesteps,
         }
     else:
-        program = library.Program(model.cpu().eval(), layer)
+        program = library.PolicyProgram(model.cpu().eval(), layer)
         original = library.TorchPolicy(program, memory)
     return library.program_of(program, size, memory), original, {**about, **({"state": memory} if memory else {})}
 

@@ -81,7 +81,7 @@ class Recurrent(nn.Module):
         return self.head(seen[0]), torch.cat(after).transpose(0, 1).reshape(-1, self.memory)
 
 
-class Program(nn.Module):
+class PolicyProgram(nn.Module):
     """A network behind its normalization, with actions clipped to [-1, 1]: what a bundle holds."""
 
     def __init__(self, network: nn.Module, normalization: Normalization | None) -> None:

@@ -39,7 +39,7 @@ LAYERS = 5
 """Number of times at which a scan is placed: every 0.1 s if ``period`` and ``reaction`` are 0.2 s each."""
 
 
-class Timing(NamedTuple):
+class ScanTiming(NamedTuple):
     """When scans count, s: ``scan_age``, ``scan_period``, ``reaction`` and ``scan_returns`` of the parameters."""
 
     age: float
@@ -58,7 +58,7 @@ class Monitor:
         self,
         body: Footprint,
         limits: Limits,
-        timing: Timing,
+        timing: ScanTiming,
         *,
         speed: float,
         turning: float,

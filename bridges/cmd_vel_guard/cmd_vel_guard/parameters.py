@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from cmd_vel_guard.collision import Footprint, Limits
-from cmd_vel_guard.monitor import Monitor, Timing
+from cmd_vel_guard.monitor import Monitor, ScanTiming
 from cmd_vel_guard.values import Mount, Pose
 from turtlebot_gym.config import Names, Range, check_fields
 
@@ -114,7 +114,7 @@ def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]
     """Return the collision monitor, if it is switched on; see `Monitor`."""
     if not p.monitors:
         return None
-    timing = Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
+    timing = ScanTiming(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
     body = Footprint(p.radius, p.footprint_x, Mount(p.frame_prefix + p.scan_frame, p.scan_x, p.scan_y, p.scan_yaw))
     limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
     most = {"speed": p.max_linear, "turning": p.max_angular}

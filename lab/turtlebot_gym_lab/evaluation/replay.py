@@ -28,7 +28,7 @@ from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 from turtlebot_gym_lab.calibration.alignment import in_one_frame
 from turtlebot_gym_lab.calibration.plausibility import require_units
-from turtlebot_gym_lab.evaluation.rows import Rows, filtered, rolled
+from turtlebot_gym_lab.evaluation.rows import RecordedRows, filtered, rolled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -152,7 +152,7 @@ def replay(
         due &= np.diff(ticks, prepend=-1.0) > 0.0
     intervals = np.diff(drive.time, prepend=drive.time[0])
     poses = drive.odometry if recorded else np.empty((0, 3))
-    rows = Rows(intervals, drive.truth, dead_reckoning(drive), commands, poses, due)
+    rows = RecordedRows(intervals, drive.truth, dead_reckoning(drive), commands, poses, due)
     result = filtered(rows, tuning, in_force.odometry, seed=seed, integrator=rule)
     return replace(
         drive,

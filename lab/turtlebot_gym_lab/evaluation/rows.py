@@ -21,7 +21,7 @@ from turtlebot_gym.parameters import FilterTuning, OdometryNoise
 from turtlebot_gym.values import Belief, Command, Odometry, Pose, Senses
 
 
-class Rows(NamedTuple):
+class RecordedRows(NamedTuple):
     """A drive of T rows, in the form that the loop takes."""
 
     intervals: NDArray[np.float64]
@@ -80,7 +80,7 @@ def rolled(intervals: NDArray[np.float64], twist: NDArray[np.float64], start: Po
 
 
 @kernel
-def _measured(rows: Rows, row: int, before: Odometry, noise: OdometryNoise, key: int) -> Odometry:
+def _measured(rows: RecordedRows, row: int, before: Odometry, noise: OdometryNoise, key: int) -> Odometry:
     """Return the odometry with the pose that is measured at a row."""
     twist = _command(rows.commands, row)
     if len(rows.recorded) > 0:
@@ -113,7 +113,7 @@ def _loop_of(filter: Filter) -> Callable[..., None]:
     return compiled(follow, "filter of recordings") if filter.compiled else follow
 
 
-def filtered(rows: Rows, tuning: FilterTuning, noise: OdometryNoise, *, seed: int, integrator: float) -> Filtered:
+def filtered(rows: RecordedRows, tuning: FilterTuning, noise: OdometryNoise, *, seed: int, integrator: float) -> Filtered:
     """Run a filter over the rows of a drive.
 
     The noise is that of poses measured from the true ones.

@@ -24,7 +24,7 @@ from turtlebot_gym_ros.base.names import absolute, prefix_of
 from turtlebot_gym_ros.base.process import go_on, processes
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND
-from turtlebot_gym_ros.graph.recorder import Recorder
+from turtlebot_gym_ros.graph.recorder import GraphRecorder
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import MODES, load
 
@@ -124,7 +124,7 @@ class Graph:
         self._runner.failed = self._failed.set
         try:
             options: Any = {"stamped": self._stamped, "lock_step": self._lock_step, "room": self._in_room}
-            self._recorder = Recorder(self._runner.context, namespace=self._namespace, **options)
+            self._recorder = GraphRecorder(self._runner.context, namespace=self._namespace, **options)
             self._runner.add(self._recorder)
             self.latest, self.reports = self._recorder.latest, self._recorder.reports
             if self._in_processes:  # the command line cannot express empty text

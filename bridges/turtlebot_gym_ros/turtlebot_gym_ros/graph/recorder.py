@@ -41,7 +41,7 @@ ROOM_TOPICS: dict[str, type] = {"clearance": Clearance, "obstacles": Obstacles}
 """Additional topics of a simulator in a room; on a map also ``map``, once."""
 
 
-class Recorder:
+class GraphRecorder:
     """A node that subscribes to all topics of the loop, the diagnostics and the controller's state.
 
     In lock-step rows are complete, and a leap of the stamps begins another episode; in a room they include the clearance.
