@@ -1,6 +1,6 @@
 """What moves on a map: a drive's robot, its paths so far, what it believes and sees, and the people around it.
 
-Each glyph draws one of a few small tables, the moment (`ShownMoment`), which `moment.js` fills from the drive's tables (`columns`).
+Each glyph draws one of a few small tables, `ShownMoment`, which `moment.js` fills from the drive's tables (`columns`).
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 Ranges are bit-exact. What each beam of a scan says is defined in `turtlebot_gym.beams`; a scan is refused only if it cannot be
 read at all.
 
-A room's walls and obstacles are visualization markers, which RViz draws and `GraphRecorder` reads back. The resolution of a map is
-sent in single precision, and read as the shortest decimal nearest to it, such as 0.05 m.
+A room's walls and obstacles are visualization markers, which RViz draws and `GraphRecorder` reads back. The resolution of a map
+is sent in single precision, and read as the shortest decimal nearest to it, such as 0.05 m.
 """
 
 from __future__ import annotations
