@@ -1,8 +1,7 @@
 """A TurtleBot that navigates on what a Kalman filter believes: Gymnasium environments, filter and odometry models.
 
-Importing this package registers the environments' ids where gymnasium is installed, as by the extra ``gym``, and changes
-nothing else in the process.
-Without it and a compiler, as on a robot, the filter, the models and the tasks still work.
+Importing this package registers the environments' ids where gymnasium is installed, as by the extra ``gym``. Without it and a
+compiler, as on a robot, the filter, the models and the tasks still work.
 """
 
 from importlib.util import find_spec

@@ -98,16 +98,9 @@ def step_of(system: System) -> Step:
 def step(
     system: System, before: Snapshot, command: Command, key: int, waypoints: Any, p: Parameters, scene: Any
 ) -> tuple[Snapshot, Outcome]:
-    """Return the world a control interval later, and the outcome.
+    """Return the world a control interval after ``before``, and the outcome; the arrays of a scene change in place.
 
-    Args:
-        system: The kernels.
-        before: The world.
-        command: The policy's command; m/s, rad/s.
-        key: Key of the episode's random numbers.
-        waypoints: The poses to visit.
-        p: Parameters.
-        scene: Arrays of the surroundings, which change in place; an empty tuple on open ground.
+    The command is the policy's, in m/s and rad/s, and the key that of the episode's random numbers.
     """
     parts = step_of(system)
     world, outcome = parts.conclude(before, parts.act(before, command, key, p), key, len(waypoints), p, scene)

@@ -26,7 +26,7 @@ from turtlebot_gym.values import Pose
 
 FEW = 16
 """Most environments whose results are faster to copy than the addresses of new arrays are to find."""
-PARALLEL_FROM = 2048
+PARALLEL_FROM = 8192
 """Batches below this size run on one thread: splitting costs more than it saves."""
 ROOMS_PARALLEL_FROM = 256
 """The same in rooms, where a step takes about ten times as long."""

@@ -65,10 +65,8 @@ class TileLoop:
             word = value if type(value) is bool else address_of(value)
             for call in calls:
                 call.put(2 + at, word)
-        if parts == 1:
-            return calls[0].count()
-        running = [_pool().submit(call.count) for call in calls]
-        return sum(each.result() for each in running)
+        running = [_pool().submit(call.count) for call in calls[1:]]
+        return calls[0].count() + sum(each.result() for each in running)
 
     def again(self) -> Callable[[], int] | None:
         """Return a function that runs a compiled loop on one thread with the arguments of the last call."""

@@ -45,8 +45,11 @@ NO_FIX = Fix(ORIGIN, (1.0, 1.0, 1.0), 0.0, False)
 
 
 @cache
-def with_fixes(filter: Filter, depth: int) -> Filter:
-    """Return a filter that also takes fixes, from the sensor "fix": those of the present step, and of ``depth`` stored ones."""
+def with_fixes(filter: Filter, depth: int, *, all_late: bool = False) -> Filter:
+    """Return a filter that also takes fixes, from the sensor "fix": those of the present step, and of ``depth`` stored ones.
+
+    With ``all_late`` each comes ``depth`` steps late: no stored step holds a fix to be repeated, which takes less time.
+    """
     if depth == 0:
         return _in_time(filter)
     begin, step, fix_in, reads, *_ = filter
@@ -61,10 +64,15 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
         return Remembered(newest.belief, newest.nis, newest, stored, oldest, steps)
 
     @kernel
-    def advance(estimate, before, now, tuning, integrator):
-        """Repeat a stored step."""
-        moved = step(estimate, before.senses, now.senses, tuning, now.dt, integrator)
-        return fix_in(moved, now.fix.pose, now.fix.R + now.fix.cross, tuning) if now.fix.arrived else moved
+    def move(estimate, before, now, tuning, integrator):
+        return step(estimate, before.senses, now.senses, tuning, now.dt, integrator)
+
+    @kernel
+    def move_and_fix(estimate, before, now, tuning, integrator):
+        moved, fix = move(estimate, before, now, tuning, integrator), now.fix
+        return fix_in(moved, fix.pose, fix.R + fix.cross, tuning) if fix.arrived else moved
+
+    advance = move if all_late else move_and_fix
 
     @kernel
     def start(senses, tuning):
@@ -83,7 +91,7 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
         is_stored = off <= 0.5 * stored[0].dt + 1e-9
         if is_stored & (at == count):
             oldest = fix_in(oldest, fix.pose, fix.R + fix.cross, tuning)
-        at = at if is_stored & (at < count) else -1.0
+        at = at if is_stored & (at < count) & (not all_late) else -1.0
         stored = tuple(each._replace(fix=fix if at == place else each.fix) for place, each in zip(places, stored, strict=True))
         newest = oldest
         for place in places[:0:-1]:

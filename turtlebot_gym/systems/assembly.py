@@ -25,7 +25,7 @@ def system_of(parameters: Parameters) -> System:
     """Return the system for some parameters; a ``ValueError`` if its filter reads a sensor that it does not have."""
     p, filter = parameters, filter_of(parameters.tuning)
     late = round(p.fix.delay / p.dt) if p.fix else 0
-    filter = with_fixes(filter, late) if p.fix else filter
+    filter = with_fixes(filter, late, all_late=True) if p.fix else filter
     system = rooms(filter) if p.room else open_ground(filter)
     system = localizing(system) if p.localizer else system
     system = system._replace(terms=LOCATED_ROOM) if p.localizer and p.observed == Observed.LOCATED else system
