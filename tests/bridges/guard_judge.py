@@ -1,9 +1,23 @@
 """The judge of the commands to the wheels: it reads the log of what was truly sent, pressed and allowed, and holds the law."""
 
 import math
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 EPSILON = 1e-6
+
+
+@dataclass
+class Log:
+    """The true history."""
+
+    # made, latest time at which it may move the robot, when it may first be obeyed, is motion
+    commands: list = field(default_factory=list)
+    told: list = field(default_factory=list)  # to the wheels: time, v, omega
+    held: list = field(default_factory=list)  # by the wheels after each cycle of a running guard: time, v, omega
+    presses: list = field(default_factory=list)  # when a true message was there for the guard to see
+    spoken: dict = field(default_factory=dict)  # by button: when there, made, pressed of each message
+    enabled: list = field(default_factory=list)  # time, on of each call that was accepted
 
 
 def judge(log):

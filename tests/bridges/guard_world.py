@@ -1,16 +1,14 @@
-"""A world around the guard's decisions, and a judge of the commands to the wheels.
+"""A world around the guard's decisions, whose log a judge reads who knows nothing of them.
 
 The world is a schedule played in true time: senders, buttons, a network that delays, loses and holds back, a guard that is
-suspended while messages wait, a system clock that is set. It calls the guard's parts as its node does. The judge knows nothing
-of them: it reads the log of what was *truly* sent, pressed and allowed, and what the wheels received, and holds the law with
-literal numbers.
+suspended while messages wait, a system clock that is set. It calls the guard's parts as its node does.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from burger import Parameters
-from guard_judge import EPSILON
+from guard_judge import EPSILON, Log
 
 from cmd_vel_guard import arbiter, sent
 from turtlebot_gym.values import Command
@@ -41,19 +39,6 @@ class Message:
     prompt: bool = False  # whether it is not awaited: a button's messages are heard twice
 
 
-@dataclass
-class Log:
-    """The true history."""
-
-    # made, latest time at which it may move the robot, when it may first be obeyed, is motion
-    commands: list = field(default_factory=list)
-    told: list = field(default_factory=list)  # to the wheels: time, v, omega
-    held: list = field(default_factory=list)  # by the wheels after each cycle of a running guard: time, v, omega
-    presses: list = field(default_factory=list)  # when a true message was there for the guard to see
-    spoken: dict = field(default_factory=dict)  # by button: when there, made, pressed of each message
-    enabled: list = field(default_factory=list)  # time, on of each call that was accepted
-
-
 class World:
     """Plays a schedule: a list of (kind, a, b), where ``a`` is 0 to 7 and ``b`` 0 to 9."""
 
@@ -63,8 +48,7 @@ class World:
         self.suspended_until = self.held_until = -math.inf
         self.seen = {}
         """Buttons: [number of the last message, pressed, time of the next message, alive, which of all lives]."""
-        # All buttons that ever lived, how many of their next messages are lost, and by lost press its number, and when the
-        # message before it was sent.
+        # All buttons, how many of their next messages are lost, and by lost press its number, and when the one before was sent.
         self.lives, self.swallowing, self.swallowed = 0, 0, {}
         # Until when a lost message holds up the next ones, how many prompt ones are lost, when the last of either kind came.
         self.radio_until, self.in_the_air, self.came = -math.inf, 0, {True: -math.inf, False: -math.inf}

@@ -4,65 +4,30 @@ import math
 
 import numpy as np
 import pytest
-from burger import Parameters
+from guard_scans import (
+    AHEAD,
+    BACK,
+    BODY,
+    LIMITS,
+    MOUNT,
+    T,
+    hall,
+    measured_anew,
+    narrow_gap,
+    points,
+    scan,
+    seen_by,
+    standing,
+    with_gap,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cmd_vel_guard import collision
-from cmd_vel_guard.arbiter import Arbiter
-from cmd_vel_guard.collision import SLOWEST, Footprint, Limits, RawScan, gaps, limited, read, times_to_contact, view_of
-from cmd_vel_guard.monitor import Monitor, ScanTiming
+from cmd_vel_guard.collision import SLOWEST, Footprint, gaps, limited, read, times_to_contact, view_of
 from cmd_vel_guard.values import STOP, Command, Mount
-from turtlebot_gym import beams
 from turtlebot_gym.beams import beams_of, gaps_of
 from turtlebot_gym.motion import into, moved
-
-MOUNT = Mount("base_scan", 0.0, 0.0, 0.0)
-BODY = Footprint(0.1, 0.0, MOUNT)
-LIMITS = Limits(margin=0.05, error=0.1, time=1.0, escape_speed=0.04)
-TIMING = ScanTiming(age=0.4, period=0.2, reaction=0.2)
-T = 100.0
-
-
-def narrow_gap(body, limits, speed):
-    return beams.narrow_gap(body.radius, limits.margin + speed * limits.time)
-
-
-NOISE = np.random.default_rng(5)
-
-
-def hall():
-    """A scan of a round hall, never the same to the bit: a LiDAR that repeats itself is frozen."""
-    return scan(2.0 + NOISE.normal(0.0, 1e-4, 36))
-
-
-def scan(ranges, **changes):
-    ranges = np.asarray(ranges, np.float32)
-    step = 2.0 * math.pi / max(len(ranges), 1)
-    return RawScan(ranges, 0.0, step, 0.12, 3.5, "base_scan")._replace(**changes)
-
-
-def measured_anew(scan, k):
-    """A scan whose ranges differ in their last places, as those of a LiDAR at work do."""
-    return scan._replace(ranges=np.asarray(scan.ranges, np.float32) * np.float32(1.0 + 1e-6 * (k % 7)))
-
-
-def wall(distance, direction=0.0, beams=360, **changes):
-    """A scan of one straight wall."""
-    angles = 2.0 * math.pi * np.arange(beams) / beams
-    cosine = np.cos(angles - direction)
-    with np.errstate(divide="ignore"):
-        ranges = np.where(cosine > 0.0, distance / cosine, np.inf)
-    return scan(np.where(ranges <= 3.5, ranges, np.inf), **changes)
-
-
-def points(*rows):
-    return np.array(rows, np.float64).reshape(-1, 3).T
-
-
-def seen_by(scan, body=BODY, limits=LIMITS, reach=10.0):
-    return view_of(read(scan, body, limits), body, limits, reach=reach, narrow=narrow_gap(body, limits, 0.3)).seen
-
 
 # When a circle on an arc touches a point.
 
@@ -161,14 +126,6 @@ def test_a_lidar_that_is_blind_beyond_the_stop_zone_is_refused():
 
 
 # Where a scan says nothing.
-
-AHEAD, BACK = Command(0.2, 0.0), Command(-0.2, 0.0)
-
-
-def with_gap(width_deg, at_deg, around=2.0, beams=360):
-    """A scan that says nothing in a sector around a direction."""
-    off = np.abs((np.arange(beams) * 360.0 / beams - at_deg + 180.0) % 360.0 - 180.0)
-    return scan(np.where(off < 0.5 * width_deg, np.nan, around), range_min=0.0)
 
 
 @pytest.mark.parametrize(
@@ -316,106 +273,6 @@ def test_the_speed_falls_with_the_distance_and_ends_at_the_slowest():
     assert at(-0.01, Command(-0.03, 0.0)) == Command(-0.03, 0.0)
     assert at(-0.01, Command(-0.2, 0.0), escape_speed=0.0) == STOP
     assert at(0.01, Command(-0.2, 0.0)) == Command(-0.2, 0.0)
-
-
-# Where the robot is in a scan, and which scan counts.
-
-
-def standing(body=BODY, limits=LIMITS, timing=TIMING):
-    return Monitor(body, limits, timing, speed=0.3, turning=3.0, now=T - 10.0)
-
-
-def test_a_turn_since_the_scan_turns_what_was_seen():
-    timing = TIMING._replace(period=0.0, reaction=0.0)
-    monitor = standing(limits=LIMITS._replace(error=0.0), timing=timing)
-    monitor.hear(wall(0.25), sent=T)
-    assert monitor.limit(Command(0.2, 0.0), T).v == pytest.approx(0.1, rel=1e-3)
-    monitor.track.add(Command(0.0, 10.0), T)
-    monitor.track.add(STOP, T + math.pi / 20.0)
-    now = T + 0.2
-    assert monitor.limit(Command(0.2, 0.0), now) == Command(0.2, 0.0)
-    assert monitor.limit(Command(-0.2, 0.0), now) == Command(-0.2, 0.0)
-    monitor.track.add(Command(0.0, 10.0), now)
-    monitor.track.add(STOP, now + math.pi / 20.0)
-    assert monitor.limit(Command(-0.2, 0.0), T + 0.39).v == pytest.approx(-0.1, rel=1e-3)
-
-
-def test_a_scan_is_laid_out_at_each_tenth_of_a_second_in_doubt():
-    monitor = standing()
-    monitor.track.add(Command(0.0, 1.0), T - 1.0)
-    monitor.hear(scan([0.3] + [np.inf] * 7), sent=T)
-    x, y, radius = into(monitor.track.at(T).pose, monitor._points)
-    np.testing.assert_allclose(np.sort(np.arctan2(y, x)), [-0.4, -0.3, -0.2, -0.1, 0.0], atol=1e-9)
-    np.testing.assert_allclose(np.hypot(x, y), 0.3, rtol=1e-6)
-    np.testing.assert_allclose(radius, 0.1 + 0.05 + 0.03, rtol=1e-6)
-
-
-def test_only_a_fresh_scan_lets_anything_pass_turning_too_and_no_older_one_takes_its_place():
-    monitor, command = standing(body=BODY._replace(center_x=-0.03)), Command(0.0, 1.0)
-    assert monitor.state == ""
-    assert monitor.limit(command, T) == STOP
-    assert monitor.state == "no scan has arrived"
-    monitor.hear(hall(), sent=T)
-    assert monitor.limit(command, T + 0.399) == command
-    assert monitor.limit(command, T + 0.401) == STOP
-    assert monitor.state == "the last scan is older than 0.4 s"
-    near = wall(1.0)._replace(ranges=[-math.inf] * 360)  # something too near, all round
-    for blocked, commands in ((near, (AHEAD, BACK, command)), (wall(0.13), (AHEAD,))):
-        monitor = standing(body=BODY._replace(center_x=-0.03))
-        monitor.hear(blocked, sent=T)
-        monitor.hear(hall(), sent=T - 0.1)
-        assert {monitor.limit(command, T) for command in commands} == {STOP}
-        assert monitor.state == "stopped: an obstacle is in the stop zone"
-    monitor.hear(wall(0.27), sent=T)
-    assert 0.0 < monitor.limit(AHEAD, T).v < 0.2
-    assert monitor.state == "slowed down: an obstacle is ahead"
-
-
-@pytest.mark.parametrize("center_x", [-0.024, -0.064, 0.05])
-def test_a_robot_in_its_stop_zone_may_turn_where_its_footprint_sweeps_nothing_and_drive_nowhere(center_x):
-    """Its partner: it may not turn where the sweep reaches something."""
-    body, turn = BODY._replace(center_x=center_x), Command(0.0, 2.0)
-    for angle in range(0, 360, 10):
-        for away, passes in ((body.radius + abs(center_x) + 0.02, True), (body.radius - abs(center_x) + 0.01, False)):
-            ranges = np.where(np.arange(360) == angle, away, 5.0)
-            monitors = [standing(body=body) for _ in range(2)]
-            for monitor in monitors:
-                monitor.hear(scan(ranges, range_min=0.02), sent=T)
-            if passes:
-                assert monitors[0].limit(turn, T) == turn
-            else:
-                back = Command(0.0, -2.0)
-                assert monitors[0].limit(turn, T) != turn or monitors[1].limit(back, T) != back
-
-
-# In the guard.
-
-
-def test_the_parameters_are_those_of_the_monitor():
-    body = {"max_linear": 0.26, "max_angular": 1.82, "radius": 0.22, "footprint_x": -0.064}
-    mount = {"scan_x": 0.1, "scan_y": 0.2, "scan_yaw": 0.3, "scan_frame": "front", "scan_mount": "given"}
-    kept = {"collision_margin": 0.01, "scan_error": 0.02, "collision_time": 3.0, "escape_speed": 0.03}
-    times = {"scan_age": 0.1, "scan_period": 0.3, "reaction": 0.15}
-    monitor = Arbiter(Parameters(collision_monitor=True, **body, **mount, **kept, **times), T).monitor
-    assert monitor._body == Footprint(0.22, -0.064, Mount("front", 0.1, 0.2, 0.3))
-    assert monitor._limits == Limits(margin=0.01, error=0.02, time=3.0, escape_speed=0.03)
-    assert monitor._timing == ScanTiming(age=0.1, period=0.3, reaction=0.15, returns=0.02)
-    assert monitor._reach == pytest.approx((0.26 + 1.82 * 0.064) * 3.55)
-    assert monitor._narrow == beams.narrow_gap(0.22, 0.01 + 0.26 * 3.0)
-
-
-def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
-    arbiter = Arbiter(Parameters(collision_monitor=True), T)
-    now = T + 1.5
-    arbiter.step(T)
-    arbiter.hear_scan(hall(), now, dated=False)
-    assert arbiter.refused["undated after a gap"] == 1
-    arbiter.hear("program", Command(0.2, 0.0), now + 0.01)
-    for k in range(5):
-        assert arbiter.step(now + 0.01 + 0.02 * k) in (None, STOP)
-    assert arbiter.monitor.state == "no scan has arrived"
-    arbiter.hear_scan(hall(), now + 0.11, sent=now + 0.1, dated=True)
-    assert arbiter.step(now + 0.12).v > 0.0
 
 
 # What a scan says, as stop zones.
