@@ -146,6 +146,10 @@ def test_colcon_builds_the_package(tmp_path):
     (library,) = prefix.glob("lib/python*/site-packages")
     installed = files_of(library / "turtlebot_gym_ros")
     assert {path.relative_to(library) for path in installed} == {path.relative_to(PACKAGE) for path in files_of(SOURCES)}
+    guard = ROOT / "bridges" / "cmd_vel_guard"
+    subprocess.run([colcon, "--log-base", "log", "build", "--base-paths", str(guard)], cwd=tmp_path, check=True)
+    programs = {path.name for path in (tmp_path / "install" / "cmd_vel_guard" / "lib" / "cmd_vel_guard").iterdir()}
+    assert programs == {"cmd_vel_guard", "cmd_vel_standby"}
 
 
 def test_the_wheel_holds_the_package(tmp_path):
