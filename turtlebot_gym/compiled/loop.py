@@ -1,9 +1,9 @@
 """The loops over many environments in one buffer, advanced by the same kernels that `turtlebot_gym.heart` runs.
 
-A tile of environments is stepped in vectors, on open ground as a whole and in rooms up to looking, since its kernels have no
-branches and call no library. Nothing is reordered or contracted (`kernel.algebra` says what is left out), so no bit of a result
-depends on the vector width, the number of threads or the batch. The same loops run as plain Python without a compiler, in a
-debugger, and for plants that are no kernels.
+On open ground a tile of environments is stepped in vectors, since its kernels have no branches and call no library. Nothing is
+reordered or contracted (`kernel.algebra` says what is left out), so no bit of a result depends on the vector width, the number
+of threads or the batch. The same loops run as plain Python without a compiler, in a debugger, and for plants that are no
+kernels.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def _open_tile_of(system: System, case: Case, shares: bool) -> Callable[..., int
 
 
 def _room_tile_of(system: System, shares: bool) -> Callable[..., int]:
-    """Return the kernel that advances a tile in surroundings: in vectors up to looking, and then one by one."""
+    """Return the kernel that advances a tile in surroundings: all robots move first, and then look, one by one."""
     (load_parameters, _), (load_world, store_world), _, finish, _ = parts_of(system, None, shares)
     act, scene_at, size = step_of(system).act, system.surroundings.at, layout_of(system).world.size * TILE
 
