@@ -25,7 +25,7 @@ CHAIN = {
     GUARD: {"collision_monitor": "true"},
     STANDBY: {},
     FILTER: {"takes_fixes": "true"},
-    "waypoint_generator": {"waypoints": "far.csv"},
+    "waypoint_generator": {"waypoints": "far.yaml"},
     CONTROLLER: {},
 }
 """The nodes, each with its parameters besides those of `robot.yaml`."""
@@ -39,7 +39,7 @@ class Chain:
     def __init__(self, domain: int, *, buttons: bool) -> None:
         self._folder = tempfile.TemporaryDirectory()
         self.folder = Path(self._folder.name)  # they run there, and write NAME.log
-        (self.folder / "far.csv").write_text("1000,0,0\n")
+        (self.folder / "far.yaml").write_text("[[1000, 0, 0]]\n")
         self._buttons, self._mark = buttons, f"{os.getpid()}-{domain}"
         self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), MARK: self._mark}
         self._children: list[subprocess.Popen[bytes]] = []
