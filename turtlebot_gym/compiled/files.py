@@ -8,12 +8,13 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+
+from turtlebot_gym.files import replacing
 
 LONGEST = 60 * 86400.0
 """Time without use after which a file is removed, s."""
@@ -42,10 +43,8 @@ def kept(name: str, made_of: str, make: Callable[[], bytes]) -> bytes:
             return content
     content = make()
     with suppress(OSError):  # the folder is not writable, or the disk is full
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".new", delete=False) as file:
-            file.write(hashlib.sha256(content).digest() + content)
-        os.replace(file.name, path)  # at once, so that nobody reads a part of it
+        with replacing(path) as beside:  # at once, so that nobody reads a part of it
+            beside.write_bytes(hashlib.sha256(content).digest() + content)
         for other in path.parent.iterdir():
             if time.time() - other.stat().st_mtime > LONGEST:
                 other.unlink(missing_ok=True)
