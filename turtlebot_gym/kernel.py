@@ -53,7 +53,7 @@ def floor(x: float) -> float:
 
 
 def exactly(n: int) -> float:
-    """Return a whole number from 0 to 2^52 - 1 as a float; AVX2 cannot convert vectors back, either."""
+    """Return a whole number from 0 to 2^32 - 1 as a float; AVX2 cannot convert vectors of larger ones."""
     return 1.0 * n
 
 
@@ -76,6 +76,10 @@ def split(x: float) -> tuple[float, float]:
 def lanes(count: int) -> range:
     """Return a range whose rounds share nothing: compiled loops run them side by side, in vectors."""
     return range(count)
+
+
+def fetch(array: Any, at: int) -> None:
+    """Bring an array's numbers from ``at`` on near the processor, since they are read soon."""
 
 
 def thread() -> int:

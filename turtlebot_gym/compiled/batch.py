@@ -32,8 +32,8 @@ ROOMS_PARALLEL_FROM = 256
 """The same in rooms, where a step takes about ten times as long."""
 FOLDED_FROM = 512
 """Batches below this size load shared parameters that are not whole numbers: code of their own would never pay for itself."""
-CHANGING = {"step": (5, 6), "reset": (0, 1, 8, 9)}
-"""Arguments of the loops that differ from call to call: results, and of a reset the mask and whether episodes begin."""
+CHANGING = {"step": (5, 6), "reset": (1, 2, 9, 10)}
+"""Arguments of the loops that differ from call to call: results, and of a reset how many episodes, and whether they begin."""
 
 
 class Batch:
@@ -72,6 +72,7 @@ class Batch:
         self._shapes = size_of(system.terms), self.layout.outcome.size - (0 if shares else len(system.rewards))
         self.seeds = np.zeros(num_envs, np.int64)
         self.episodes = np.zeros(num_envs, np.int64)
+        self._rows = np.zeros(num_envs, np.int64)
         self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
         self._keys = np.zeros((self._n_tiles, TILE), np.int64)
         self.scenes: Any = ()
@@ -135,9 +136,11 @@ class Batch:
     def _use_loops(self) -> Packing:
         """Use the loops of the case, with other arguments than before; return the layout of their worlds."""
         world, *loops = loops_of(self.system._replace(compiled=self._is_compiled), self._case, self._shares)
-        is_parallel = self.num_envs >= (ROOMS_PARALLEL_FROM if self.system.in_room else PARALLEL_FROM)
-        pairs = zip(CHANGING.items(), loops, strict=True)
-        self._loops = {name: TileLoop(loop, self._n_tiles, places, is_parallel=is_parallel) for (name, places), loop in pairs}
+        in_room, self._loops = self.system.in_room, dict[str, TileLoop]()
+        is_parallel = self.num_envs >= (ROOMS_PARALLEL_FROM if in_room else PARALLEL_FROM)
+        for (name, places), loop in zip(CHANGING.items(), loops, strict=True):
+            # on open ground few episodes begin at a time, in less time than a thread needs to wake up
+            self._loops[name] = TileLoop(loop, self._n_tiles, places, is_parallel=is_parallel and (in_room or name == "step"))
         self._few: tuple[Callable[[], int], NDArray[np.float32], NDArray[np.float64]] | None = None
         self._load, self._store = access(world)
         return world
@@ -182,24 +185,28 @@ class Batch:
             poses: On open ground, ``start`` and ``goal`` of a batch of one, in place of those that its task draws.
         """
         self._begun = True
-        numbers = self.seeds, self.episodes
-        self._run("reset", (np.ascontiguousarray(mask), True, *numbers), observations, outcomes)
+        self._visit(np.flatnonzero(mask), True, observations, outcomes)
         if poses:  # in plain Python, which has the bits of the compiled loops
             p, key = self.parameters_of(0), int(self._keys[0, 0])
             start = poses.get("start") or start_pose(key, p.task)
             self.waypoints[0, 0] = goal = poses.get("goal") or draw_goal(key, start, p.task)
             self._store(self._tiles[0], 0, step_of(self.system).begin(start, key, (goal,), p, ()))
-            self._run("reset", (mask, False, *numbers), observations, outcomes)
+            self._visit(np.zeros(1, np.int64), False, observations, outcomes)
         if self._history is not None:
             self._history.begin(observations, mask)
 
     def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return observations of the current state, and outcomes as after a reset, in the shapes of `step`."""
         observations, outcomes = self.empty()
-        self._run("reset", (np.ones(self.num_envs, np.bool_), False, self.seeds, self.episodes), observations, outcomes)
+        self._visit(np.arange(self.num_envs), False, observations, outcomes)
         if self._history is not None:
             self._history.show(observations)
         return observations, outcomes
+
+    def _visit(self, rows: NDArray[np.int64], begins: bool, *results: NDArray[Any]) -> None:
+        """Begin the episodes of some environments if asked, and write their present results."""
+        self._rows[: rows.size] = rows
+        self._run("reset", (self._rows, rows.size, begins, self.seeds, self.episodes), *results)
 
     def _run(self, name: str, first: tuple[Any, ...], *results: NDArray[Any]) -> int:
         """Run a loop, with arguments before those that both loops have; return how many flags are set."""

@@ -79,7 +79,19 @@ for _function, _text in {kernel.times: "mul i64 {}, {}", kernel.plus: "add i64 {
     IN_PLACE[_function] = lambda body, a, b, text=_text: body.code.number(
         "i", text.format(body.code.as_kind(a, "i"), body.code.as_kind(b, "i"))
     )
-IN_PLACE[kernel.exactly] = lambda body, n: body.code.number("f", f"uitofp nneg i64 {body.code.as_kind(n, 'i')} to double")
+
+
+@_stands_for(kernel.exactly)
+def _exactly(body: Any, n: Any) -> Any:
+    code = body.code
+    return code.number("f", f"uitofp i32 {code.put('trunc i64 ' + code.as_kind(n, 'i') + ' to i32')} to double")
+
+
+@_stands_for(kernel.fetch)
+def _fetch(body: Any, array: Array, index: Any) -> None:
+    code = body.code
+    code.module.declared.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
+    code.do(f"call void @llvm.prefetch.p0(ptr {code.item(array, index).address.name}, i32 0, i32 3, i32 1)")
 
 
 @_stands_for(kernel.split)
@@ -87,7 +99,7 @@ def _split(body: Any, x: Any) -> Any:
     code = body.code
     bits = code.put(f"bitcast double {code.as_kind(x, 'f')} to i64")
     half = code.put(f"or i64 {code.put(f'and i64 {bits}, {LOW}')}, {HALF}")
-    exponent = code.number("f", f"uitofp nneg i64 {code.put(f'lshr i64 {bits}, 52')} to double")
+    exponent = _exactly(body, code.number("i", f"lshr i64 {bits}, 52"))
     return code.number("f", f"bitcast i64 {half} to double"), code.binary("-", exponent, 1022.0)
 
 

@@ -90,10 +90,9 @@ class Module:
             "distinct !{}",
             f'!{{!"llvm.loop.parallel_accesses", !{at}}}',
             '!{!"llvm.loop.vectorize.enable", i1 true}',
-            '!{!"llvm.loop.vectorize.width", i32 8}',
-            f"distinct !{{!{at + 4}, !{at + 1}, !{at + 2}, !{at + 3}}}",
+            f"distinct !{{!{at + 3}, !{at + 1}, !{at + 2}}}",
         ]
-        return f", !llvm.access.group !{at}", f", !llvm.loop !{at + 4}"
+        return f", !llvm.access.group !{at}", f", !llvm.loop !{at + 3}"
 
 
 class Code:

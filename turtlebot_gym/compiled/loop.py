@@ -18,7 +18,7 @@ from turtlebot_gym.compiled.packing import TILE, Access, Packing, access, layout
 from turtlebot_gym.compiled.program import compiled
 from turtlebot_gym.compiled.proof import Case, reduced
 from turtlebot_gym.heart import step_of
-from turtlebot_gym.kernel import HAS_LLVM, kernel, lanes
+from turtlebot_gym.kernel import HAS_LLVM, fetch, kernel, lanes
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.observations.columns import observing, present_columns, slices_of
@@ -159,25 +159,29 @@ def loops_of(system: System, case: Case | None, shares: bool) -> tuple[Packing, 
     """
     step_tile = _open_tile_of(system, case, shares) if case else _room_tile_of(system, shares)
     reset, scene_at = parts_of(system, case, shares).reset, system.surroundings.at
+    world = reduced(system, case) if case else layout_of(system).world
+    ahead = world.size if case else 0
 
     def step_rows(first, last, actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         flagged = 0
         for at in range(first, last):
             row, count, own = at * TILE, min(TILE, len(observations) - at * TILE), parameters[at if len(parameters) > 1 else 0]
+            for number in range(ahead):  # on open ground a step is sooner done than the memory of the next tile is read
+                fetch(tiles[min(at + 1, last - 1)], number * TILE)
             flagged += step_tile(row, count, actions, tiles[at], keys[at], own, waypoints, observations, outcomes, scenes)
         return flagged
 
     def reset_rows(
-        first, last, mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes
+        first, last, rows, count, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes
     ):
-        for row in range(first * TILE, min(last * TILE, len(mask))):
-            if mask[row]:
-                at, lane, scene = row // TILE, row % TILE, scene_at(scenes, row)
+        for number in range(count):
+            row = int(rows[number])
+            at, lane, scene = row // TILE, row % TILE, scene_at(scenes, row)
+            if first <= at and at < last:
                 tile, own = tiles[at], parameters[at if len(parameters) > 1 else 0]
                 reset(row, begins, seeds, episodes, tile, lane, keys[at], own, waypoints, observations, outcomes, scene)
         return 0
 
-    world = reduced(system, case) if case else layout_of(system).world
     if not (HAS_LLVM and system.compiled):
         return world, step_rows, reset_rows
     where, (step, begin) = ("on open ground", (2, 1)) if case else ("in rooms", (3, 3))

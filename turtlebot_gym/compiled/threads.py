@@ -62,9 +62,11 @@ class TileLoop:
             calls = self._calls[key] = [Call(loop, (*bounds[part : part + 2], *arguments)) for part in range(parts)]
         for at in self._changing:
             value = arguments[at]
-            word = value if type(value) is bool else address_of(value)
+            word = value if isinstance(value, int) else address_of(value)
             for call in calls:
                 call.put(2 + at, word)
+        if parts == 1:
+            return calls[0].count()
         running = [_pool().submit(call.count) for call in calls[1:]]
         return calls[0].count() + sum(each.result() for each in running)
 

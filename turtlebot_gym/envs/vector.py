@@ -55,13 +55,12 @@ class SeededVectorEnv(VectorEnv[Any, Any, Any]):
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
         modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
         self.autoreset_mode = choose("autoreset_mode", autoreset_mode, modes)
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self._begun = False
-        chosen = Options.of(options)
+        self._begun, chosen = False, Options.of(options)
         self._setup = setup = chosen.setup() if max_episode_steps is None else with_limit(chosen, max_episode_steps)
         self.observation_terms = setup.system.terms
         """The terms of an observation, in turn."""
-        self.metadata["render_fps"] = max(1, round(1.0 / setup.parameters.dt))
+        fps = max(1, round(1.0 / setup.parameters.dt))
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, "render_fps": fps}
         self.single_action_space, self.single_observation_space = spaces_of(setup.system)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
