@@ -52,7 +52,7 @@ def pytest_collection():
 
 
 def _in_step(batch, plain, low=-1.0, high=1.0, steps=100, *, policy=None):
-    from turtlebot_gym.compiled.packing import flatten
+    from turtlebot_gym.compiled.values import numbers_of
 
     batch.seeds[:] = np.arange(batch.num_envs)
     observations, outcomes = batch.empty()
@@ -69,7 +69,7 @@ def _in_step(batch, plain, low=-1.0, high=1.0, steps=100, *, policy=None):
         observations, outcomes = batch.step(actions)
         assert (batch.flagged > 0) == outcomes[2:5].any()
         for row, episode in plain.items():
-            assert outcomes[:, row].tolist() == [*flatten(episode.act(actions[row].tolist()))][: len(outcomes)]
+            assert outcomes[:, row].tolist() == numbers_of(episode.act(actions[row].tolist()))[: len(outcomes)]
         yield outcomes
         ended = outcomes[3:5].any(axis=0)
         if ended.any():

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled.packing import TILE, access, aligned, as_tuple, flatten, layout_of, packing
+from turtlebot_gym.compiled.packing import TILE, access, aligned, as_tuple, layout_of, packing
 from turtlebot_gym.compiled.program import compiled as compiled_now
+from turtlebot_gym.compiled.values import numbers_of
 from turtlebot_gym.systems import Parameters, make_parameters, system_of
 from turtlebot_gym.values import senses_of
 
@@ -37,7 +38,7 @@ VALUE = Outer(Inner(1.0, True), (2.0, 3.0), (Inner(4.0, False), Inner(5.0, True)
 def test_what_is_stored_is_loaded_again_in_order_and_in_every_lane():
     pack, numbers = packing(VALUE), [1.0, 1.0, 2.0, 3.0, 4.0, 0.0, 5.0, 1.0, 6.0]
     (load, store), buffer = access(pack), np.zeros(3 + pack.size * TILE)
-    assert (list(flatten(VALUE)), pack.size) == (numbers, 9)
+    assert ([*map(float, numbers_of(VALUE))], pack.size) == (numbers, 9)
     for lane in range(TILE):
         store(buffer, 3 + lane, VALUE._replace(last=float(lane)))
     for lane in range(TILE):
@@ -74,7 +75,7 @@ def test_slices_name_every_tuple_in_the_value():
 def test_dataclasses_become_tuples_with_the_same_attributes():
     value = as_tuple((Data(1.0, (2.0, 3.0), Inner(4.0, True)), 5.0))
     assert (value[0].number, value[0].numbers, value[0].inner) == (1.0, (2.0, 3.0), Inner(4.0, True))
-    assert list(flatten(value)) == [1.0, 2.0, 3.0, 4.0, 1.0, 5.0]
+    assert [*map(float, numbers_of(value))] == [1.0, 2.0, 3.0, 4.0, 1.0, 5.0]
     assert type(as_tuple(Data(0.0, (), Inner(0.0, False)))) is type(value[0])  # one type for all: the loop is compiled once
     assert senses_of(("odometry", "fix")) is senses_of(("odometry", "fix"))
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.compiled.loop import loops_of
-from turtlebot_gym.compiled.packing import TILE, Packing, access, aligned, as_tuple, flatten, layout_of
+from turtlebot_gym.compiled.packing import TILE, Packing, access, aligned, as_tuple, layout_of
 from turtlebot_gym.compiled.proof import Case
 from turtlebot_gym.compiled.threads import TileLoop
-from turtlebot_gym.compiled.values import Untraceable
+from turtlebot_gym.compiled.values import Untraceable, numbers_of
 from turtlebot_gym.heart import step_of
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.observations.columns import History, size_of
@@ -107,7 +107,7 @@ class Batch:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
         self.parameters = parameters
         self._make_room_for(rows * self.num_envs if same else rows)
-        numbers = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
+        numbers = np.array([numbers_of(as_tuple(row)) for row in rows], np.float64)
         try:
             self._lay_out(numbers)
         except Untraceable as error:

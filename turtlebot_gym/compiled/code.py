@@ -174,10 +174,6 @@ class Code:
             return Number("i", self.put(f"{of_integers} i64 {x}, {y}"), op in "+*" and is_natural(a) and is_natural(b))
         if kind == "i":
             return self.divided(op, x, y)
-        if op == "%":
-            rest = self.put(f"frem double {x}, {y}")
-            differs = self.put(f"fcmp olt double {self.put(f'fmul double {rest}, {y}')}, 0.0")
-            return self.number("f", f"select i1 {differs}, double {self.put(f'fadd double {rest}, {y}')}, double {rest}")
         if not of_floats:
             raise Untraceable(f"the operator {op} of floats")
         return self.number("f", f"{of_floats}{self.flags} double {x}, {y}")
@@ -201,10 +197,6 @@ class Code:
         if is_constant(a):
             return -a
         return self.number("f", f"fneg double {a.name}") if a.kind == "f" else self.binary("-", 0, a)
-
-    def inverted(self, a: Any) -> Any:
-        """Return whether a condition does not hold."""
-        return (not a) if is_constant(a) else self.number("b", f"xor i1 {self.as_kind(a, 'b')}, true")
 
     def select(self, condition: Any, a: Any, b: Any) -> Number:
         """Return a where a condition holds, else b."""

@@ -112,7 +112,8 @@ def of_BinOp(body: Any, node: ast.BinOp) -> Any:
 
 def of_UnaryOp(body: Any, node: ast.UnaryOp) -> Any:
     if isinstance(node.op, ast.Not):
-        return body.code.inverted(body.truth(node.operand))
+        truth = body.truth(node.operand)
+        return body.code.number("b", f"xor i1 {truth.name}, true") if isinstance(truth, Number) else not truth
     return body.code.negative(body.of(node.operand)) if isinstance(node.op, ast.USub) else body.refuse(body, node.op)
 
 

@@ -18,10 +18,10 @@ import numpy as np
 
 from turtlebot_gym.compiled import native
 from turtlebot_gym.compiled.loop import parts_of
-from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten, layout_of
+from turtlebot_gym.compiled.packing import TILE, as_tuple, layout_of
 from turtlebot_gym.compiled.program import Call, Program
 from turtlebot_gym.compiled.proof import Case, reduced
-from turtlebot_gym.compiled.values import Untraceable
+from turtlebot_gym.compiled.values import Untraceable, numbers_of
 from turtlebot_gym.heart import step_of
 from turtlebot_gym.kernel import thread, threads
 from turtlebot_gym.models.unicycle import command_of
@@ -78,7 +78,7 @@ class DeviceBatch:
     ) -> None:
         import torch
 
-        case = Case(tuple(flatten(as_tuple(parameters))), len(waypoints))
+        case = Case(tuple(map(float, numbers_of(as_tuple(parameters)))), len(waypoints))
         self.num_envs, self.device, tiles = num_envs, torch.device(device), -(-num_envs // TILE)
         self._shapes = size_of(system.terms), layout_of(system).outcome.size - len(system.rewards)
 
@@ -151,9 +151,8 @@ def _checked(text: str) -> str:
     Raises:
         Untraceable: If it calls what each processor rounds in its own way.
     """
-    if found := re.search(r"declare double @(?!llvm)(\w+)|(frem)", text):
-        what = f"math.{found[1]}" if found[1] else "the remainder of floats"
-        raise Untraceable(f"a kernel calls {what}, whose last bits differ from one processor to another")
+    if found := re.search(r"declare double @(?!llvm)(\w+)", text):
+        raise Untraceable(f"a kernel calls math.{found[1]}, whose last bits differ from one processor to another")
     return text
 
 

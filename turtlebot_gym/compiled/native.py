@@ -9,7 +9,7 @@ from typing import Any
 
 
 @cache
-def _machine() -> Any:
+def machine_here() -> Any:
     """Return LLVM's description of this processor."""
     from llvmlite import binding as llvm
 
@@ -23,17 +23,12 @@ def processor() -> str:
     """Return what tells this processor from others."""
     from llvmlite import binding as llvm
 
-    return f"{_machine().triple} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
-
-
-def simplified(text: str) -> str:
-    """Return a text for LLVM with what follows from its constants worked out."""
-    return str(_optimized(text, 1, _machine()))
+    return f"{machine_here().triple} {llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
 
 
 def machine_code(text: str, level: int) -> bytes:
     """Return the machine code for this processor."""
-    return _machine().emit_object(_optimized(text, level, _machine()))
+    return machine_here().emit_object(optimized(text, level, machine_here()))
 
 
 def ptx_of(text: str) -> str:
@@ -43,10 +38,10 @@ def ptx_of(text: str) -> str:
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple("nvptx64-nvidia-cuda").create_target_machine(cpu="sm_75", opt=3)
-    return machine.emit_assembly(_optimized(text, 2, machine))
+    return machine.emit_assembly(optimized(text, 2, machine))
 
 
-def _optimized(text: str, level: int, machine: Any) -> Any:
+def optimized(text: str, level: int, machine: Any) -> Any:
     """Return an optimized module: from level 2 on loops become vectors, from 3 on neighbouring instructions, too."""
     from llvmlite import binding as llvm
 
@@ -75,7 +70,7 @@ def entry_of(code: bytes) -> Callable[[int], None]:
     from llvmlite import binding as llvm
 
     empty = llvm.parse_assembly("")
-    empty.triple = _machine().triple
+    empty.triple = machine_here().triple
     engine = llvm.create_mcjit_compiler(empty, llvm.Target.from_default_triple().create_target_machine(jit=True))
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()

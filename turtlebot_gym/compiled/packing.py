@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import namedtuple
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -53,11 +53,6 @@ def as_tuple(value: Any) -> Any:
     if isinstance(value, tuple):
         return tuple_like(value, [as_tuple(item) for item in value])
     return value
-
-
-def flatten(value: Any) -> Iterator[float]:
-    """Yield the numbers of a nested tuple in order, as floats."""
-    return map(float, numbers_of(value))
 
 
 def _name(value: Any, path: str, names: list[str], slices: dict[str, slice]) -> None:

@@ -45,7 +45,8 @@ def _returned(function: Callable[..., Any], forms: tuple[Any, ...]) -> list[Any]
     """
     text, result = text_of(function, forms)
     functions, define, entry = text.rpartition("define void @entry")
-    simple = native.simplified(functions + define + entry.replace("store double", "store volatile double"))
+    volatile = entry.replace("store double", "store volatile double")
+    simple = str(native.optimized(f"{functions}{define}{volatile}", 1, native.machine_here()))
     names = iter(re.findall(r"store volatile double (\S+),", simple))
     return [_number(next(names)) if isinstance(number, Number) else number for number in numbers_of(result)]
 

@@ -103,12 +103,7 @@ def tuple_like(value: tuple[Any, ...], items: Sequence[Any]) -> Any:
 
 def numbers_of(value: Any) -> list[Any]:
     """Return what stands in a nested tuple, in order."""
-    if not isinstance(value, tuple):
-        return [value]
-    found: list[Any] = []
-    for item in value:
-        found += numbers_of(item)
-    return found
+    return [number for item in value for number in numbers_of(item)] if isinstance(value, tuple) else [value]
 
 
 def filled(like: Any, numbers: Iterable[Any]) -> Any:

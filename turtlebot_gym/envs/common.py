@@ -12,10 +12,11 @@ from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int, refusal, short_repr
+from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int, refusal, short_repr, split
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.observations.columns import bounds_of
 from turtlebot_gym.systems import Options, Outcome, Setup, System
+from turtlebot_gym.tasks import Task
 
 PARTS = {"true_state": "body.true_state", "odometry": "senses.odometry.pose", "estimate": "estimate.belief.mean"}
 PARTS |= {"covariance": "estimate.belief.covariance", "reference": "course.reference", "command": "body.command"}
@@ -52,8 +53,9 @@ def spaces_of(system: System) -> tuple[spaces.Space[NDArray[np.float32]], spaces
 def with_limit(options: Options, steps: float) -> Setup:
     """Return what options stand for, with a limit of steps; that of a task of the caller's own counts, too."""
     setup, steps = options.setup(), POSITIVE_OR_INFINITE.check("max_episode_steps", steps)
-    task = setup.parameters.task
-    task = replace(task, max_steps=min(steps, task.max_steps) if options.limits_steps else steps)
+    task, (based_on, given) = setup.parameters.task, split(options.task)
+    has_own = isinstance(based_on, Task) or "max_steps" in given
+    task = replace(task, max_steps=min(steps, task.max_steps) if has_own else steps)
     return setup._replace(parameters=setup.parameters._replace(task=task))
 
 

@@ -159,12 +159,6 @@ class Options:
         poses = _poses(SQUARE_WAYPOINTS if self.waypoints is None else self.waypoints)
         return replace(task, **changes), poses[:1] if task.random else poses
 
-    @property
-    def limits_steps(self) -> bool:
-        """Whether the task's own limit of steps counts, and not the environment's."""
-        based_on, given = split(self.task)
-        return isinstance(based_on, Task) or "max_steps" in given
-
     def setup(self) -> Setup:
         """Return parameters, waypoints, plan and system; a ``ValueError`` refuses options, and those that do not suit."""
         task, waypoints = self.course()
