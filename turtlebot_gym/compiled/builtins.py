@@ -14,7 +14,7 @@ from turtlebot_gym.compiled.expressions import IN_PLACE, Span
 from turtlebot_gym.compiled.statements import put
 from turtlebot_gym.compiled.values import MEMORY, Array, Number, Untraceable, filled, is_constant, kind_of, numbers_of
 
-LOW, HALF = 0x000FFFFFFFFFFFFF, 0x3FE0000000000000
+LOW, HALF, WHOLE = 0x000FFFFFFFFFFFFF, 0x3FE0000000000000, 0x4330000000000000
 """The bits of a double's mantissa, and those of 0.5."""
 
 
@@ -72,7 +72,6 @@ def _abs(body: Any, x: Any) -> Any:
 
 IN_PLACE[math.isnan] = lambda body, x: body.code.binary("!=", x, x)
 IN_PLACE[math.isfinite] = lambda body, x: body.code.binary("<", _abs(body, x), math.inf)
-IN_PLACE[math.isinf] = lambda body, x: body.code.binary("==", _abs(body, x), math.inf)
 
 
 for _function, _text in {kernel.times: "mul i64 {}, {}", kernel.plus: "add i64 {}, {}"}.items():
@@ -99,8 +98,9 @@ def _split(body: Any, x: Any) -> Any:
     code = body.code
     bits = code.put(f"bitcast double {code.as_kind(x, 'f')} to i64")
     half = code.put(f"or i64 {code.put(f'and i64 {bits}, {LOW}')}, {HALF}")
-    exponent = _exactly(body, code.number("i", f"lshr i64 {bits}, 52"))
-    return code.number("f", f"bitcast i64 {half} to double"), code.binary("-", exponent, 1022.0)
+    exponent = code.put(f"or i64 {code.put(f'lshr i64 {bits}, 52')}, {WHOLE}")  # the bits of 2^52 and a whole number
+    shifted = code.binary("-", code.number("f", f"bitcast i64 {exponent} to double"), 2.0**52 + 1022.0)
+    return code.number("f", f"bitcast i64 {half} to double"), shifted
 
 
 for _name in ("thread", "threads"):

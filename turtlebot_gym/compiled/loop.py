@@ -24,7 +24,7 @@ from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.observations.columns import observing, present_columns, slices_of
 from turtlebot_gym.systems import Outcome, System
 
-_SUCCESS = Outcome._fields.index("is_success")
+_DISTANCE, _SUCCESS = map(Outcome._fields.index, ("distance", "is_success"))
 FLAGS = slice(_SUCCESS, _SUCCESS + 3)
 """The rows of success, termination and truncation in an outcome."""
 
@@ -95,27 +95,51 @@ def parts_of(system: System, case: Case | None, shares: bool = False) -> Parts:
 
 def _open_tile_of(system: System, case: Case, shares: bool) -> Callable[..., int]:
     """Return the kernel that advances a tile of environments on open ground: in vectors, but for new waypoints."""
-    (_, _, act, conclude, retarget), number_of_waypoints = step_of(system), case.waypoints
+    (_, start_outcome, act, conclude, retarget), number_of_waypoints = step_of(system), case.waypoints
     (load_parameters, _), (load_world, store_world), tell, *_ = parts_of(system, case, shares)
     columns, observe = present_columns(system.terms), observing(system.terms)
     _, show_lane = access(layout_of(system).observation)
+    waiting = tuple(sensor._replace(sense=sensor.wait or sensor.sense) for sensor in system.sensors)
+    dues, wait = tuple(sensor.due for sensor in system.sensors if sensor.due), step_of(system._replace(sensors=waiting)).act
+
+    @kernel
+    def step_lanes(act, count, asked, told, tile, keys, parameters, scratch, reached):
+        """Return how many environments have reached a waypoint, and how many flags are set; lanes may be behind the last."""
+        turns, flagged = 0, 0
+        for lane in lanes(TILE):
+            p, key, world = load_parameters(parameters, lane), int(keys[lane]), load_world(tile, lane)
+            command = command_of(float(asked[2 * lane]), float(asked[2 * lane + 1]), p.robot)
+            world, outcome = conclude(world, act(world, command, key, p), key, number_of_waypoints, p, ())
+            if number_of_waypoints == 1 and outcome.reached:  # a single waypoint stays
+                world, outcome = retarget(world, outcome, key, (world.course.reference,), p, ())
+            store_world(tile, lane, world)
+            tell(told, lane, outcome)
+            show_lane(scratch, lane, observe(world, p))
+            reached[lane] = outcome.reached
+            turns += outcome.reached
+            flagged += (outcome.is_success | outcome.terminated | outcome.truncated) & (lane < count)
+        return turns, flagged
 
     @kernel
     def step_tile(first, count, actions, tile, keys, parameters, waypoints, observations, outcomes, scenes):
         """Advance the ``count`` environments of a tile whose first environment is ``first``; return how many flags are set."""
         asked, told, shown = actions[2 * first :], outcomes[:, first:], observations[first:]
-        scratch, flagged = np.empty(len(columns) * TILE, np.float32), 0
-        for lane in lanes(TILE):
-            p, key, world = load_parameters(parameters, lane), int(keys[lane]), load_world(tile, lane)
-            command = command_of(float(asked[2 * lane]), float(asked[2 * lane + 1]), p.robot)
-            world, outcome = conclude(world, act(world, command, key, p), key, number_of_waypoints, p, ())
-            # A single waypoint stays; the last tile has lanes behind the last environment.
-            goals = (world.course.reference,) if number_of_waypoints == 1 else waypoints[min(first + lane, len(waypoints) - 1)]
-            world, outcome = retarget(world, outcome, key, goals, p, ()) if outcome.reached else (world, outcome)
-            store_world(tile, lane, world)
-            tell(told, lane, outcome)
-            show_lane(scratch, lane, observe(world, p))
-            flagged += (outcome.is_success | outcome.terminated | outcome.truncated) & (lane < count)
+        scratch, reached, news = np.empty(len(columns) * TILE, np.float32), np.empty(TILE), len(dues) == 0
+        for lane in range(count):
+            for due in dues:
+                news = news | due(int(load_world(tile, lane).steps + 1.0), load_parameters(parameters, lane))
+        if news:
+            turns, flagged = step_lanes(act, count, asked, told, tile, keys, parameters, scratch, reached)
+        else:
+            turns, flagged = step_lanes(wait, count, asked, told, tile, keys, parameters, scratch, reached)
+        if number_of_waypoints > 1 and turns > 0:
+            for lane in range(count):
+                if reached[lane] > 0.0:
+                    p, key, world = load_parameters(parameters, lane), int(keys[lane]), load_world(tile, lane)
+                    world, outcome = retarget(world, start_outcome(world), key, waypoints[first + lane], p, ())
+                    store_world(tile, lane, world)
+                    told[_DISTANCE, lane] = outcome.distance
+                    show_lane(scratch, lane, observe(world, p))
         for lane in range(count):
             for number, column in enumerate(columns):
                 shown[lane, column] = scratch[number * TILE + lane]

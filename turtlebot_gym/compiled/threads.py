@@ -65,8 +65,6 @@ class TileLoop:
             word = value if isinstance(value, int) else address_of(value)
             for call in calls:
                 call.put(2 + at, word)
-        if parts == 1:
-            return calls[0].count()
         running = [_pool().submit(call.count) for call in calls[1:]]
         return calls[0].count() + sum(each.result() for each in running)
 

@@ -64,15 +64,9 @@ def with_fixes(filter: Filter, depth: int, *, all_late: bool = False) -> Filter:
         return Remembered(newest.belief, newest.nis, newest, stored, oldest, steps)
 
     @kernel
-    def move(estimate, before, now, tuning, integrator):
-        return step(estimate, before.senses, now.senses, tuning, now.dt, integrator)
-
-    @kernel
-    def move_and_fix(estimate, before, now, tuning, integrator):
-        moved, fix = move(estimate, before, now, tuning, integrator), now.fix
-        return fix_in(moved, fix.pose, fix.R + fix.cross, tuning) if fix.arrived else moved
-
-    advance = move if all_late else move_and_fix
+    def advance(estimate, before, now, tuning, integrator):
+        moved, fix = step(estimate, before.senses, now.senses, tuning, now.dt, integrator), now.fix
+        return moved if all_late or not fix.arrived else fix_in(moved, fix.pose, fix.R + fix.cross, tuning)
 
     @kernel
     def start(senses, tuning):

@@ -33,6 +33,10 @@ class Sensor(NamedTuple):
     earlier, which may hold what the sensor must remember."""
     noise: Any = None
     """Example of its parameters, which are the field of its name in `systems.parameters.Parameters`; None if it has none."""
+    due: Callable[..., bool] | None = None
+    """``due(at, p)`` returns whether there may be news in step ``at``; None for always."""
+    wait: Callable[..., Any] | None = None
+    """`sense` in a step without news, in which compiled loops leave out what a filter does with news."""
 
 
 @kernel
@@ -106,18 +110,24 @@ def fix_sensor(late: int) -> Sensor:
         return TrackedFix(*NO_FIX, passed=tuple(_pose(body) for _ in places))
 
     @kernel
+    def due(at, p):
+        stamp, every = at - late, max(math.floor(p.fix.period / p.dt + 0.5), 1)
+        return (stamp > 0) & (stamp == every * math.floor(stamp / every))
+
+    @kernel
+    def wait(body, before, key, at, p):
+        return before._replace(arrived=False, passed=(_pose(body), *before.passed[:-1]))
+
+    @kernel
     def sense(body, before, key, at, p):
-        passed = (_pose(body), *before.passed[:-1])
-        own_key, stamp, every = sub_key(key, FIX), at - late, max(math.floor(p.fix.period / p.dt + 0.5), 1)
+        fix, own_key, stamp = wait(body, before, key, at, p), sub_key(key, FIX), at - late
         event, _ = uniforms(own_key, stamp, EVENTS)
-        arrived = (stamp > 0) & (stamp == every * math.floor(stamp / every)) & (event >= p.fix.dropout_probability)
-        fix = before._replace(arrived=arrived, passed=passed)
-        if arrived:
-            pose = _measure(passed[late], p.fix, own_key, stamp)
-            fix = fix._replace(pose=pose, R=p.fix.R, age=late * p.dt)
+        if due(at, p) & (event >= p.fix.dropout_probability):
+            pose = _measure(fix.passed[late], p.fix, own_key, stamp)
+            fix = fix._replace(pose=pose, R=p.fix.R, age=late * p.dt, arrived=True)
         return fix
 
-    return Sensor("fix", first, sense, FixNoise(R=(0.01, 0.01)))
+    return Sensor("fix", first, sense, FixNoise(R=(0.01, 0.01)), due, wait)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
