@@ -178,7 +178,7 @@ def wrong_fix(robot: Robot, rng: random.Random) -> list[str]:
     x, estimates = rng.choice([1e3, -1e3, 1e300]), list[float]()
     subscription = robot.ros.hear("estimate", lambda estimate: estimates.append(estimate.pose.pose.position.x))
     time.sleep(0.3)
-    fix(robot, "pose_fix", x, {at: rng.choice([1e-4, 1e-300]) for at in (0, 7, 35)})
+    fix(robot, "pose_fix", x, dict.fromkeys((0, 7, 35), rng.choice([1e-4, 1e-6, 1e-300])))
     time.sleep(1.0)
     robot.ros.node.destroy_subscription(subscription)
     return ["the estimate follows a wrong fix"] if any(abs(x) > 10.0 for x in estimates) else []
