@@ -188,7 +188,7 @@ def hostile_variances(robot: Robot, rng: random.Random) -> None:
     """A fix, or a person's pose, where the robot is, with variances that no sensor has."""
     topic, x = rng.choice(["pose_fix", "initialpose"]), robot.driver.says(time.time()).x
     for variance in (0.0, 1e-170, 1e-308, 5e-324, -1.0, math.inf, math.nan, 1e308):
-        fix(robot, topic, x, dict.fromkeys(rng.choice([(0, 7, 35), (0, 7), (35,)]), variance))
+        fix(robot, topic, x, {0: 1e-4, 7: 1e-4, 35: 1e-4} | dict.fromkeys(rng.choice([(0, 7, 35), (0, 7), (35,)]), variance))
         time.sleep(0.2)
     time.sleep(0.5)
 
