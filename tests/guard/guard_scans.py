@@ -54,7 +54,7 @@ def points(*rows):
 
 
 def seen_by(scan, body=BODY, limits=LIMITS, reach=10.0):
-    return view_of(read(scan, body, limits), body, limits, reach=reach, narrow=narrow_gap(body, limits, 0.3)).seen
+    return view_of(read(scan, body, limits), body, limits, reach=reach, narrow=narrow_gap(body, limits, 0.3), room=0.0).seen
 
 
 def standing(body=BODY, limits=LIMITS, timing=TIMING):

@@ -109,7 +109,7 @@ def read(scan: RawScan, body: Footprint, limits: Limits) -> Beams:
     return beams
 
 
-def view_of(beams: Beams, body: Footprint, limits: Limits, *, reach: float, narrow: float, room: float = 0.0) -> View:
+def view_of(beams: Beams, body: Footprint, limits: Limits, *, reach: float, narrow: float, room: float) -> View:
     """Return what the beams of a scan say.
 
     Stop zones beyond ``reach`` from the footprint's centre, m, are left out. A gap is narrow up to an angle, rad, see

@@ -59,7 +59,7 @@ class Age(NamedTuple):
     refusal: str = ""
     """Why its clock is refused."""
 
-    def since(self, lasts: float = 0.0) -> float:
+    def since(self, lasts: float) -> float:
         """Return the age of a measurement that stands for a time, s, such as a LiDAR's for one revolution."""
         return max(self.sent, self.measured - lasts)
 
