@@ -58,7 +58,7 @@ def stream(ages, lead, delays, *, start=100.0, name="header"):
 
 
 @pytest.mark.parametrize("name", ["header", "source"])
-@pytest.mark.parametrize("lead", [0.09, 0.2, 0.775, 1.9])
+@pytest.mark.parametrize("lead", [0.09, 0.13, 0.775, 1.9])
 def test_a_clock_that_is_ahead_hides_no_late_message(name, lead):
     ages = stream(Ages(clock()), lead, [0.02, 0.0, *[0.03] * 10, 0.0, 0.4, 1.5, 30.0], name=name)
     assert all(aged.measured == math.inf for aged in ages[:10]) is (lead > 0.1)  # until the lead is settled
@@ -86,7 +86,7 @@ def test_a_sender_whose_clock_jumps_ahead_counts_again_a_second_later_and_one_se
     assert [aged.measured == math.inf for aged in after] == [True] * 10 + [False] * 10
     assert "ahead, which is new: it counts in 1 s" in after[0].refusal
     back = stream(ages, 0.0, [0.0] * 600, start=103.0)
-    assert min(aged.measured for aged in back) > 0.9
+    assert min(aged.measured for aged in back) > 0.96  # it is forgotten by 0.03 s a minute
     ages.begin()
     assert stream(ages, 0.0, [0.0], start=163.0)[0].measured == pytest.approx(0.0, abs=1e-5)
 

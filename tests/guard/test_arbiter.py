@@ -129,12 +129,13 @@ def test_without_a_required_standby_the_robot_stands():
     assert not arbiter.emergency
 
 
-def test_a_robot_that_joins_at_the_start_stands_first():
+@pytest.mark.parametrize(("at", "stands"), [(0.0, True), (5.0, True), (5.02, False)])
+def test_a_robot_that_joins_in_the_first_five_seconds_stands_first(at, stands):
     arbiter = new()
-    arbiter.hear("program", AHEAD, T)
-    arbiter.greet(T)
-    assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}
-    assert drive(arbiter, 1.02, 0.3, AHEAD)[-1] == AHEAD
+    drive(arbiter, 0.0, at, AHEAD)
+    arbiter.greet(T + at)
+    assert set(drive(arbiter, at, 1.0, AHEAD)) == ({STOP} if stands else {AHEAD})
+    assert drive(arbiter, at + 1.02, 0.3, AHEAD)[-1] == AHEAD
 
 
 def test_a_turn_starts_gently_too():
@@ -168,7 +169,7 @@ def test_a_pose_of_another_frame_or_too_far_away_proves_nothing(wrong, said):
 
 def test_a_pose_is_as_old_as_what_was_sent():
     arbiter = new(geofence=0.5)
-    assert arbiter.outside(T)  # nothing is known
+    assert (arbiter.outside(T), arbiter.lost) == (True, "")  # nothing is known
     arbiter.locate(0.0, 0.0, T, sent=T - 0.375)
     assert not arbiter.outside(T + 0.125)
     assert arbiter.outside(T + 0.1875)

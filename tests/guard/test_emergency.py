@@ -52,10 +52,11 @@ TROUBLES = {
     "one of two comes back": ([*button(50.0, 55.0), *button(50.07, 52.0, 400), *button(53.0, 55.0)], {54.9: ""}),
     "many messages": ([(50.0 + 0.001 * k, k + 1) for k in range(50)], {50.1: ""}),
     "a number too far ahead is another button's": ([(50.0, 1), (50.2, 201), (50.3, 2), (50.4, 202)], {50.45: ""}),
-    "a loss of as many as a button can have sent": ([(50.0, 1), (50.7, 301)], {50.7: LOST}),
+    "a loss of as many as a button can have sent": ([(50.0, 1), (50.7, 351)], {50.7: LOST}),
+    "the end of one, and another with a number too far ahead": ([(50.0, 1), (50.7, 361)], {50.7: ENDED}),
     "a loss in half a second": ([(50.0, 7), (50.5, 9)], {50.5: "", 50.9: ""}),
     "a loss in more": ([(50.0, 7), (50.51, 9)], {50.51: LOST, 51.0: LOST}),
-    "a loss in more lasts half a second": ([(50.0, 7), (50.6, 9), (51.0, 10)], {51.05: LOST, 51.11: ""}),
+    "a loss in more lasts half a second": ([(50.0, 7), (50.625, 9), (51.0, 10)], {51.125: LOST, 51.135: ""}),
 }
 
 

@@ -1,14 +1,16 @@
 """The collision monitor: where the robot is in a scan, which scan counts, and the monitor in the guard."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 from burger import Parameters
-from guard_scans import AHEAD, BACK, BODY, LIMITS, TIMING, T, hall, scan, standing, wall
+from guard_scans import AHEAD, BACK, BODY, LIMITS, TIMING, T, hall, scan, standing, wall, with_gap
 
+from cmd_vel_guard import collision
 from cmd_vel_guard.arbiter import Arbiter
-from cmd_vel_guard.collision import Footprint, Limits
+from cmd_vel_guard.collision import Footprint, Limits, gaps, read, view_of
 from cmd_vel_guard.monitor import ScanTiming
 from cmd_vel_guard.values import STOP, Command, Mount
 from turtlebot_gym import beams
@@ -42,7 +44,7 @@ def test_a_scan_is_laid_out_at_each_tenth_of_a_second_in_doubt():
 
 def test_only_a_fresh_scan_lets_anything_pass_turning_too_and_no_older_one_takes_its_place():
     monitor, command = standing(body=BODY._replace(center_x=-0.03)), Command(0.0, 1.0)
-    assert monitor.state == ""
+    assert (monitor.state, monitor.remark) == ("", "")
     assert monitor.limit(command, T) == STOP
     assert monitor.state == "no scan has arrived"
     monitor.hear(hall(), sent=T)
@@ -103,3 +105,23 @@ def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
     assert arbiter.monitor.state == "no scan has arrived"
     arbiter.hear_scan(hall(), now + 0.11, sent=now + 0.1, dated=True)
     assert arbiter.step(now + 0.12).v > 0.0
+
+
+# Which stop zones are kept.
+
+
+@pytest.mark.parametrize("body", [BODY, Footprint(0.1, -0.05, Mount("base_scan", 0.02, -0.04, 0.5))])
+def test_a_reach_leaves_out_what_is_beyond_it_and_nothing_else(body):
+    for width in (20.0, 60.0):
+        gap = read(with_gap(width, 0.0, around=0.4), body, LIMITS)
+        every, near = (view_of(gap, body, LIMITS, reach=reach, narrow=0.6, room=0.0) for reach in (9.0, 0.5))
+        for there, kept in zip(every, near, strict=True):
+            np.testing.assert_array_equal(kept, there[:, gaps(there, body.center_x) <= 0.5])
+
+
+def test_the_zones_along_the_edges_of_a_gap_hold_those_of_all_places_between_them():
+    border = partial(np.full_like, fill_value=0.5)
+    x, y, radius = collision._solid(-0.3, 0.3, border, spacing=0.02, far=1.0, body=BODY, limits=LIMITS)[..., None]
+    for edge in (-0.3, 0.3):
+        place = collision._points(np.full(500, edge), np.linspace(0.5, 1.0, 500), BODY, LIMITS)
+        assert (np.hypot(x - place[0], y - place[1]) + place[2] <= radius).any(axis=0).all()
