@@ -107,6 +107,23 @@ def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
     assert arbiter.step(now + 0.12).v > 0.0
 
 
+def test_the_monitor_knows_what_the_wheels_are_told_and_has_nothing_to_say_of_a_robot_that_is_disabled():
+    arbiter = Arbiter(Parameters(collision_monitor=True), T)
+    arbiter.hear("program", AHEAD, T)
+    assert arbiter.step(T) in (None, STOP)
+    assert arbiter.monitor.state == "no scan has arrived"
+    arbiter.enable(False, T + 0.02)
+    arbiter.step(T + 0.02)
+    assert arbiter.monitor.state == ""
+    arbiter.enable(True, T + 0.04)
+    arbiter.hear_scan(hall(), T + 0.04)
+    for now in (T + 0.04, T + 0.06):
+        arbiter.hear("program", AHEAD, now)
+        told = arbiter.step(now)
+        assert told.v > 0.0
+        assert arbiter.monitor.track.command == told
+
+
 # Which stop zones are kept.
 
 
