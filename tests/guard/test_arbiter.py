@@ -138,12 +138,13 @@ def test_a_robot_that_joins_in_the_first_five_seconds_stands_first(at, stands):
     assert drive(arbiter, at + 1.02, 0.3, AHEAD)[-1] == AHEAD
 
 
-def test_a_turn_starts_gently_too():
+@pytest.mark.parametrize(("stood", "periods"), [(0.5, 1), (3.0, 2)])  # zeros are sent, or none any more
+def test_a_turn_starts_gently_too(stood, periods):
     arbiter = new()
-    drive(arbiter, 0.0, 0.5)
-    turning = drive(arbiter, 0.5, 0.2, Command(0.0, 2.6))
-    assert turning[0] == (0.0, pytest.approx(0.625))  # 2.5 m/s^2 for 20 ms at a wheel 0.08 m from the middle
-    assert turning[1] == (0.0, pytest.approx(1.25))
+    drive(arbiter, 0.0, stood)
+    turning = drive(arbiter, stood, 0.2, Command(0.0, 2.6))
+    assert turning[0] == (0.0, pytest.approx(0.625 * periods))  # 2.5 m/s^2 for 20 ms at a wheel 0.08 m from the middle
+    assert turning[1] == (0.0, pytest.approx(0.625 * (periods + 1)))
 
 
 @pytest.mark.parametrize(
