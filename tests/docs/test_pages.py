@@ -6,17 +6,19 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import NamedTuple
 from unittest.mock import patch
 
 import gymnasium as gym
+import numpy as np
 import pytest
 import tomllib
 import yaml
 from markdown_it import MarkdownIt
 
 import turtlebot_gym
+from turtlebot_gym.estimation.plain import Plain
 
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
 with warnings.catch_warnings():
@@ -119,6 +121,19 @@ def test_code_blocks_work(path, tmp_path, monkeypatch):
                 run(block.text)
             elif block.kind == "yaml":
                 yaml.safe_load(block.text)
+
+
+def test_the_filter_of_the_page_takes_a_fix_with_correlated_errors():
+    """AMCL's errors of x and y are. The information of what was known and of the fix add up."""
+    page = {"__name__": "page"}
+    exec(next(block.text for block in blocks_of(ROOT / "docs/howto/filter.md") if block.title == "unscented.py"), page)
+    tuning, filter_ = turtlebot_gym.FilterTuning(Q=(1e-4,) * 5, R=(0.05, 0.05, 0.1)), Plain(make=page["Unscented"]).filter
+    before = filter_.start(SimpleNamespace(odometry=SimpleNamespace(pose=(0.0, 0.0, 0.0))), tuning)
+    for xy in (0.0, 0.003):
+        R = [[0.01, xy, 0.0], [xy, 0.01, 0.0], [0.0, 0.0, 0.02]]
+        after = filter_.fix(before, turtlebot_gym.Pose(0.0, 0.0, 0.0), (0.01, 0.01, 0.02, xy, 0.0, 0.0), tuning)
+        known = np.linalg.inv(np.reshape(after.P, (5, 5))[:3, :3])
+        assert np.allclose(known, np.diag([20.0, 20.0, 10.0]) + np.linalg.inv(R))
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
