@@ -53,7 +53,7 @@ def read_laser_arrays(path: Path, *, label: str, mount: Pose | None) -> Drive:
     if good.sum() < 2:
         raise ValueError(f"{path}: a drive needs two rows with odometry, got {good.sum()}.")
     time, odometry, ranges, true = time[good] - time[good][0], odometry[good], ranges[good] / np.float32(100.0), true[good]
-    remarks = [] if mount else [f"{path}: the LiDAR is assumed in the middle of the axle; --mount X Y YAW states its pose"]
+    remarks = [] if mount else [f"{path}: the LiDAR is assumed in the middle of the axle; watch --mount X Y YAW states it"]
     if not good.all():
         remarks.append(f"{path}: {(~good).sum()} of {len(good)} rows have no finite pose, or a time that does not increase")
     mount, scans = mount or ORIGIN, []

@@ -224,7 +224,7 @@ class DriveListener:
         if stated is None:
             return (
                 preset,
-                f"{why}: the LiDAR is assumed {_place(preset)}, as its preset has it; --mount X Y YAW states its pose",
+                f"{why}: the LiDAR is assumed {_place(preset)}, as its preset has it; watch --mount X Y YAW states it",
             )
         return stated, f"the LiDAR is {_place(stated)}, by /tf_static and not by its preset" if differ(stated, preset) else ""
 
