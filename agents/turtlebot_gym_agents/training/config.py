@@ -143,7 +143,7 @@ def require_env(env: str) -> str:
 def require_no_run(folder: Path) -> None:
     """Raise ValueError if a folder holds a run."""
     if (folder / "config.json").exists():
-        raise ValueError(f"{folder} holds a run already: choose another folder, or replace the run by force.")
+        raise ValueError(f"{folder} holds a run already: choose another folder, or replace it by --force (force=True).")
 
 
 def forget_run(folder: Path) -> None:
