@@ -86,7 +86,7 @@ class VelocityController:
         terms: str = ""
         """Terms of your own that a bundle reads, MODULE:NAME with commas: topics bring them."""
         robot: str = "burger"
-        """A name in `turtlebot_gym.robots.ROBOTS`."""
+        """A name in `turtlebot_gym.robots.ROBOTS`, or a FILE.yaml."""
         noise: str = "tutorial"
         """Noise of the motion, for the safety layer: one of `turtlebot_gym.presets.NOISES`, or FILE.yaml."""
         period: Annotated[float, Range(0.001, 10.0, unit="s")] = 0.1

@@ -58,7 +58,7 @@ class KalmanFilter:
         """Parameters of the filter."""
 
         robot: str = "burger"
-        """A name in `turtlebot_gym.robots.ROBOTS`."""
+        """A name in `turtlebot_gym.robots.ROBOTS`, or a FILE.yaml."""
         noise: str = "tutorial"
         """Noise to which it is matched: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         filter: str = "matched"

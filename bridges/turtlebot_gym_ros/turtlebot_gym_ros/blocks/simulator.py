@@ -59,7 +59,7 @@ class TurtlebotSimulator:
         """Parameters of the simulator."""
 
         robot: str = "burger"
-        """A name in `turtlebot_gym.robots.ROBOTS`."""
+        """A name in `turtlebot_gym.robots.ROBOTS`, or a FILE.yaml."""
         noise: str = "tutorial"
         """A name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         fix: str = "none"
