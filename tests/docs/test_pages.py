@@ -167,6 +167,16 @@ def recipe(heading):
     return blocks
 
 
+def test_files_of_recipes_import_what_is_below_them():
+    """Otherwise `make check` refuses what the page says."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    layers = next(each["layers"] for each in contracts if each.get("containers") == ["turtlebot_gym"])
+    depth = {name: at for at, names in enumerate(layers) for name in names.split(" | ")}
+    for title, text in ((block.title, block.text) for block in blocks_of(CONTRIBUTING) if block.title):
+        for name in re.findall(r"^from turtlebot_gym\.(\w+)", text, re.MULTILINE):
+            assert depth[name] >= depth[title.split("/")[1]], f"{title} imports {name}"
+
+
 @pytest.mark.parametrize(
     ("headings", "plain"),
     [
