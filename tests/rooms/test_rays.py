@@ -69,6 +69,16 @@ def test_rays_agree_with_shapely(name, drawn_room, cast_all):
         np.testing.assert_allclose(lengths, lengths_of(scene, *rays), rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("sweep", [0.01, -0.01])
+@pytest.mark.parametrize("ray", [0, 63])
+def test_an_obstacle_that_the_first_or_the_last_ray_alone_meets_counts(ray, sweep, drawn_room, cast_all):
+    scene, angles = drawn_room("dense", 0), sweep * np.arange(64)
+    (x, y), scene.room.counts[:2], lengths = scene.room.walls[:2], (1, 0), np.empty(64)
+    scene.room.circles[0, :3] = x + math.cos(angles[ray]), y + math.sin(angles[ray]), 0.004
+    cast_all(scene, np.full(64, x), np.full(64, y), np.cos(angles), np.sin(angles), lengths, 99.0, sweep=sweep)
+    assert np.flatnonzero(lengths < 1.0).tolist() == [ray]
+
+
 def test_clearance_agrees_with_shapely(drawn_room):
     random, inside = np.random.default_rng(2), 0
     for number in range(60):
