@@ -174,6 +174,9 @@ class Code:
             return Number("i", self.put(f"{of_integers} i64 {x}, {y}"), op in "+*" and is_natural(a) and is_natural(b))
         if kind == "i":
             return self.divided(op, x, y)
+        if op == "%":
+            rest = self.library("fmod", a, b)
+            return self.select(self.compare("<", self.binary("*", rest, b), 0.0, "f"), self.binary("+", rest, b), rest)
         if not of_floats:
             raise Untraceable(f"the operator {op} of floats")
         return self.number("f", f"{of_floats}{self.flags} double {x}, {y}")

@@ -13,12 +13,8 @@ from turtlebot_gym.compiled.program import Call, Program, address_of
 
 VARIABLE = "TURTLEBOT_GYM_THREADS"
 """Environment variable that limits the threads of a parallel loop."""
-
-
 limit: int | None = None
 """Most threads of a parallel loop; None for as many as cores."""
-
-
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 """Number of cores that the process may use."""
 
