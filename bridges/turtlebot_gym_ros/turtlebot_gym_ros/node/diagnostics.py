@@ -64,9 +64,10 @@ class Reporter:
         if mine.moves and len(names) > 1:
             rivals = ", ".join(name for name in names if name != me) or "another node of this name"
             yield ERROR, f"{mine.topic}: {rivals} publishes too; which of them the robot obeys is undefined."
-        elif not mine.publishes and len(names) > 1 and (self._plant or mine.message not in _VELOCITIES):
+        first = [name for name in names if not name.endswith("/cmd_vel_standby")]  # silent while a guard speaks
+        if not mine.publishes and len(first) > 1 and (self._plant or mine.message not in _VELOCITIES):
             effect = "refused until there is one" if mine.sole else "which of them counts is undefined"
-            yield ERROR if mine.sole else WARN, f"{mine.topic}: {' and '.join(names)} publish it: {effect}."
+            yield ERROR if mine.sole else WARN, f"{mine.topic}: {' and '.join(first)} publish it: {effect}."
         if self._plant and not mine.publishes and mine.message in _VELOCITIES:
             ours = {me, *(f"{me.rpartition('/')[0]}/{name}" for name in (*NODES, "cmd_vel_standby"))}
             if strangers := sorted({node_name(other) for other in listeners} - ours):
