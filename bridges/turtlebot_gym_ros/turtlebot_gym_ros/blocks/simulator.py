@@ -31,8 +31,6 @@ ROOM_OUTPUTS = {
     "clearance": Output(topic="clearance", type=Clearance),
     "obstacles": Output(topic="obstacles", type=Obstacles),
 }
-SCAN_FRAMES = {"a1": "rplidar_link"}
-"""Frames of LiDARs on their robots, if they are not base_scan."""
 MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
 OPEN_GROUND = ("open", "")
 SHOWN_EVERY = 5
@@ -125,7 +123,7 @@ class TurtlebotSimulator:
         if self._sees_fixes:
             self.outputs |= FIX_OUTPUTS
         if self._lidar:
-            mount = Mount(SCAN_FRAMES.get(params.lidar, "base_scan"), self._lidar.x, self._lidar.y, self._lidar.yaw)
+            mount = Mount(p.robot.lidar.frame or "base_scan", self._lidar.x, self._lidar.y, self._lidar.yaw)
             self.outputs |= ROOM_OUTPUTS | {"scan": replace(ROOM_OUTPUTS["scan"], mount=mount)}
         if plan and self._episode.world.room.way == UNKNOWN:
             raise no_way(p.robot)
