@@ -15,7 +15,7 @@ from turtlebot_gym.compiled.statements import put
 from turtlebot_gym.compiled.values import MEMORY, Array, Number, Untraceable, filled, is_constant, kind_of, numbers_of
 
 LOW, HALF, WHOLE = 0x000FFFFFFFFFFFFF, 0x3FE0000000000000, 0x4330000000000000
-"""The bits of a double's mantissa, and those of 0.5."""
+"""The bits of a double's mantissa, and those of 0.5 and of 2^52."""
 
 
 def _stands_for(*functions: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -72,6 +72,7 @@ def _abs(body: Any, x: Any) -> Any:
 
 IN_PLACE[math.isnan] = lambda body, x: body.code.binary("!=", x, x)
 IN_PLACE[math.isfinite] = lambda body, x: body.code.binary("<", _abs(body, x), math.inf)
+IN_PLACE[math.isinf] = lambda body, x: body.code.binary("==", _abs(body, x), math.inf)
 
 
 for _function, _text in {kernel.times: "mul i64 {}, {}", kernel.plus: "add i64 {}, {}"}.items():
@@ -98,7 +99,7 @@ def _split(body: Any, x: Any) -> Any:
     code = body.code
     bits = code.put(f"bitcast double {code.as_kind(x, 'f')} to i64")
     half = code.put(f"or i64 {code.put(f'and i64 {bits}, {LOW}')}, {HALF}")
-    exponent = code.put(f"or i64 {code.put(f'lshr i64 {bits}, 52')}, {WHOLE}")  # the bits of 2^52 and a whole number
+    exponent = code.put(f"or i64 {code.put(f'lshr i64 {bits}, 52')}, {WHOLE}")  # those of 2^52 and the exponent
     shifted = code.binary("-", code.number("f", f"bitcast i64 {exponent} to double"), 2.0**52 + 1022.0)
     return code.number("f", f"bitcast i64 {half} to double"), shifted
 
