@@ -14,12 +14,18 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.mounts import StaticFrames
 from turtlebot_gym.rooms import scan as rooms
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
-from turtlebot_gym_ros.blocks import VelocityController
+from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.node.block import Stamped
 
 PRESET, OTHER = Pose(-0.032, 0.0, 0.0), Pose(0.05, -0.04, 2.0)
 """Where a Burger's LiDAR is, and where somebody else mounted it."""
 BEAMS, T = 3600, 100.0
+
+
+def test_a_simulated_scan_has_the_frame_of_the_robot():
+    for robot, frame in (("burger", "base_scan"), ("turtlebot4", "rplidar_link")):
+        plant = TurtlebotSimulator(TurtlebotSimulator.Params(robot=robot, world="clutter"))
+        assert plant.outputs["scan"].mount.frame == frame
 
 
 def transform(parent, child, x, y, yaw):
