@@ -62,7 +62,6 @@ def test_odometry_that_stands_still_is_noticed_within_0_8_s(fault, start, comman
 @pytest.mark.parametrize("noise", NOISES)
 def test_a_robot_that_is_blocked_is_noticed_within_1_s(noise):
     """Its wheels stand still, and its odometry is as noisy as ever; a noisy pose alone is no motion."""
-
     rng, size = random.Random(1), 0.0 if noise in ("clean", "wheel", "rough") else 0.003
 
     def blocked(pose, twist, now, speed):

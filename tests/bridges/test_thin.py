@@ -7,12 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-TRAINS = ("llvmlite", "scipy", "gymnasium", "filterpy", "torch", "stable_baselines3", "onnx", "mujoco")
+TRAINS = ("llvmlite", "scipy", "gymnasium", "filterpy", "torch", "stable_baselines3", "onnx")
 ABSENT = (*TRAINS, "matplotlib", "pygame", "PIL", "tyro", "rich")
 ROS = ("rclpy", "geometry_msgs", "nav_msgs", "sensor_msgs", "diagnostic_msgs", "std_msgs", "std_srvs")
 ROOT = Path(__file__).parents[2]
-
-
 NUMBERS = {"max_linear": 0.2108, "max_angular": 2.635, "max_wheel": 0.2097, "wheel_separation": 0.16, "radius": 0.105}
 """Of a Burger, for the guard."""
 

@@ -12,7 +12,7 @@ in a year of driving. A recorded TurtleBot3 keeps within a tenth.
 
 A robot may start `DELAY` late, and accelerate slowly. So it counts as standing in spite of its command, or as turning the wrong
 way, if that was in force for `DELAY` plus `SEEN`, and the twist of the last `SEEN` seconds has no tenth of it and does not
-change, or the opposite sign without becoming slower; also if it becomes faster in a direction that no command had.
+change, or the opposite sign without becoming slower; also if it becomes faster than any command in its direction explains.
 """
 
 from __future__ import annotations
@@ -215,18 +215,18 @@ class Agreement:
         orders.append((now.time, command, now.twist))
         while len(orders) > 1 and now.time - orders[1][0] >= DELAY + SEEN:
             orders.popleft()
-        if now.time - orders[0][0] < DELAY + SEEN:
-            return ""
+        lasted = now.time - orders[0][0] >= DELAY + SEEN
         seen = [twist for time, _, twist in orders if now.time - time <= SEEN + 1e-6]
         for axis, (least, verb, stands, name) in enumerate(AXES):
             wrong = f"the {name} has the wrong sign: the command is to {verb} the other way"
             sign = 1.0 if command[axis] > 0.0 else -1.0
             told, answers = [sign * order[axis] for _, order, _ in orders], [sign * twist[axis] for twist in seen]
             order = min(told)
-            becomes_faster = len(answers) > 2 and max(answers[-2:]) < min(answers[0], 0.0) - 2.0 * least
-            if told[-1] >= least > -order and becomes_faster:
+            opposite = min(answers[0], order if order < -least else 0.0)  # what earlier commands or a slow robot explain
+            known = lasted or max(abs(told[0]), abs(orders[0][2][axis])) < least  # it rested, so no command before counts
+            if told[-1] >= least and known and len(answers) > 2 and max(answers[-2:]) < opposite - 2.0 * least:
                 return wrong
-            if order < least:
+            if order < least or not lasted:
                 continue
             if max(map(abs, answers)) < ANSWER * order and abs(answers[-1] - answers[0]) < 0.5 * ANSWER * order:
                 return f"the robot is commanded to {verb} and {stands}; or odometry has stopped"
