@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-JSON, FIGURE = (".json",), (".png", ".pdf", ".svg")
+JSON, FIGURE, HTML = (".json",), (".png", ".pdf", ".svg"), (".html", ".htm")
 """Suffixes that files of a kind may have."""
 
 

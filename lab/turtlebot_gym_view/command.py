@@ -14,7 +14,7 @@ from turtlebot_gym_agents.commands.console import needs
 from turtlebot_gym_agents.evaluation.result import title_of
 from turtlebot_gym_agents.flags import EnvironmentOptions
 from turtlebot_gym_agents.ids import environment_id
-from turtlebot_gym_agents.outputs import require_outputs
+from turtlebot_gym_agents.outputs import HTML, require_outputs
 from turtlebot_gym_lab.commands.recorded import TOPICS, reading
 from turtlebot_gym_lab.drives.topics import Topics
 from turtlebot_gym_view.columns import require_number
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from turtlebot_gym.drive import Drive
     from turtlebot_gym_view.page import Page
 
-HTML = (".html", ".htm")
 NONE: EnvironmentOptions = {}
 
 

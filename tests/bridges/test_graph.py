@@ -46,12 +46,12 @@ def test_a_person_drives_with_the_type_of_velocity_that_is_configured(peer, wait
         assert graph.latest["estimate"].belief.mean.x == pytest.approx(graph.latest["true_state"].x, abs=0.1)
 
 
-def test_bringup_prints_the_metrics_and_writes_the_figure(capfd, tmp_path):
-    figure, report = tmp_path / "drive.png", tmp_path / "drive.json"
-    assert main(["--seed", "3", "--duration", "5", "--figure", str(figure), "--json", str(report)]) == 0
+def test_bringup_prints_the_metrics_and_writes_figure_and_page(capfd, tmp_path):
+    figure, report, page = (tmp_path / f"drive.{ending}" for ending in ("png", "json", "html"))
+    assert main(["--seed", "3", "--duration", "5", "--figure", f"{figure}", "--json", f"{report}", "--html", f"{page}"]) == 0
     out = capfd.readouterr().out
-    assert all(re.search(r" [\d.]+$", line) for line in out.splitlines() if not line.startswith("figure"))
-    assert figure.stat().st_size > 10_000
+    assert all(re.search(r" [\d.]+$", line) for line in out.splitlines() if not line.startswith(("figure", "page")))
+    assert min(figure.stat().st_size, page.stat().st_size) > 10_000
     written = json.loads(report.read_text())
     assert written["options"]["seed"] == 3
     assert written["metrics"]["duration, s"] >= 5.0

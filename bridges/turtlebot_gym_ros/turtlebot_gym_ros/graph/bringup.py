@@ -1,4 +1,4 @@
-"""Run the whole graph with one command, with the tutorial's metrics and a figure."""
+"""Run the whole graph with one command, with the tutorial's metrics, a figure, and a page for a browser."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.tasks import ROOM, SQUARE, arrived
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.figures import drives_figure, legends_below
-from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
+from turtlebot_gym_agents.front.satellites import satellite, watch
+from turtlebot_gym_agents.outputs import FIGURE, HTML, JSON, require_outputs
 from turtlebot_gym_ros.base.process import be_interruptible
 from turtlebot_gym_ros.graph.graph import PATIENCE, Graph
 from turtlebot_gym_ros.nodes import MODES
@@ -33,6 +34,8 @@ from turtlebot_gym_ros.nodes import MODES
 REACHED = 0.3
 """Distance within which a waypoint counts as reached, m."""
 NOTHING = "nothing was driven: no true state came with odometry and an estimate. Do other nodes run in this ROS_DOMAIN_ID?"
+ENDINGS = {"figure": FIGURE, "html": HTML, "json": JSON}
+"""Suffixes of the files that are written."""
 OPTIONS: dict[str, dict[str, Any]] = {
     "--policy": {"help": "bearing (default), vfh or another baseline, ppo-square, FILE.onnx, or module:callable"},
     "--robot": {"help": f"{', '.join(ROBOTS)}, or FILE.yaml (default: burger)"},
@@ -109,6 +112,7 @@ def parser() -> argparse.ArgumentParser:
     for name, options in OPTIONS.items():
         parser.add_argument(name, **options)
     parser.add_argument("--figure", type=Path, help="write the drive's figure to this file (.png, .pdf, .svg)")
+    parser.add_argument("--html", type=Path, help="write the drive as a page to watch in a browser (.html)")
     parser.add_argument("--json", type=Path, help="write the metrics to this file (.json)")
     parser.add_argument("--force", action="store_true", help="overwrite files that exist")
     return parser
@@ -117,24 +121,26 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the graph, print its metrics, and return the exit code: 130 if it was interrupted before the end of the drive."""
     options = vars(parser().parse_args(argv))
-    duration, figure, report, force = (options.pop(name) for name in ("duration", "figure", "json", "force"))
+    duration, force = options.pop("duration"), options.pop("force")
+    files: dict[str, Path | None] = {name: options.pop(name) for name in ENDINGS}
     chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     try:
         POSITIVE_OR_INFINITE.check("--duration", duration)
         as_int("--seed", chosen.get("seed", 0), 0, MAX_SEED)
-        written = [("--figure", figure, FIGURE), ("--json", report, JSON)]
-        require_outputs(written, force=force)
-    except (ValueError, OSError) as error:
+        require_outputs([(f"--{name}", path, ENDINGS[name]) for name, path in files.items()], force=force)
+        if files["html"]:
+            satellite("watch")  # else what is missing would be told after the drive
+    except (ValueError, OSError, ImportError) as error:
         return refuse(error)
     be_interruptible()
     try:
-        return _drive(chosen, duration, figure=figure, report=report)
+        return _drive(chosen, duration, files)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
 
 
-def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, report: Path | None) -> int:
+def _drive(chosen: dict[str, Any], duration: float, files: dict[str, Path | None]) -> int:
     code = 0
     try:
         with Graph(**chosen) as graph:
@@ -154,7 +160,7 @@ def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, repo
     except (ValueError, RuntimeError, OSError, ImportError) as error:
         return refuse(error)
     if _was_driven(trajectory):
-        _tell(trajectory, latest, chosen, figure, report)
+        _tell(trajectory, latest, chosen, files)
     return code
 
 
@@ -164,20 +170,22 @@ def _was_driven(drive: Drive) -> bool:
     return len(drive.time) > 1 and bool(np.logical_and.reduce(known).any())
 
 
-def _tell(trajectory: Drive, latest: dict[str, Any], chosen: dict[str, Any], figure: Path | None, report: Path | None) -> None:
+def _tell(trajectory: Drive, latest: dict[str, Any], chosen: dict[str, Any], files: dict[str, Path | None]) -> None:
     """Print the metrics of a drive, and write the requested files."""
     figures = metrics(trajectory)
     if np.isfinite(trajectory.clearance).any():
         figures |= room_metrics(trajectory)
     for name, value in figures.items():
         print(f"{name:<32}{value:.3f}" if isinstance(value, float) else f"{name:<32}{value}")
-    if report:
+    if files["json"]:
         known = {name: value if math.isfinite(value) else None for name, value in figures.items()}
-        write_text(report, json.dumps({"options": chosen, "metrics": known}, indent=2) + "\n")
-    if figure:
-        room, radius = latest.get("obstacles"), (ROOM if "obstacles" in latest else SQUARE).radius
-        drive = replace(trajectory, around=RoomData(room=room, grid=latest.get("map"), goal_radius=radius))
-        drawn, _ = drives_figure({chosen.get("policy", "bearing"): drive}, title="in the ROS graph")
-        with replacing(figure) as beside:
-            legends_below(drawn).savefig(beside, dpi=120)
-        print(f"figure written to {figure}")
+        write_text(files["json"], json.dumps({"options": chosen, "metrics": known}, indent=2) + "\n")
+    policy, task = chosen.get("policy", "bearing"), ROOM if "obstacles" in latest else SQUARE
+    drive = replace(trajectory, around=RoomData(policy, latest.get("obstacles"), latest.get("map"), goal_radius=task.radius))
+    if files["figure"]:
+        with replacing(files["figure"]) as beside:
+            legends_below(drives_figure({policy: drive}, title="in the ROS graph")[0]).savefig(beside, dpi=120)
+        print(f"figure written to {files['figure']}")
+    if files["html"]:
+        watch(drive, html=files["html"])
+        print(f"page written to {files['html']}")
