@@ -168,9 +168,6 @@ def test_what_is_no_number_or_comes_again_is_no_sign_of_life():
         assert judge.lacks(11.01)
 
 
-# In the arbiter.
-
-
 def drive(arbiter, start, duration, measure, source="program"):
     """Command at 10 Hz, and measure at 20 Hz; return what the wheels hold, and when."""
     told = []

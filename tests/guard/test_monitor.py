@@ -43,14 +43,14 @@ def test_a_scan_is_laid_out_at_each_tenth_of_a_second_in_doubt():
 
 
 def test_only_a_fresh_scan_lets_anything_pass_turning_too_and_no_older_one_takes_its_place():
-    monitor, command = standing(body=BODY._replace(center_x=-0.03)), Command(0.0, 1.0)
+    monitor, command = standing(BODY._replace(center_x=-0.03), timing=TIMING._replace(age=0.5)), Command(0.0, 1.0)
     assert (monitor.state, monitor.remark) == ("", "")
     assert monitor.limit(command, T) == STOP
     assert monitor.state == "no scan has arrived"
     monitor.hear(hall(), sent=T)
-    assert monitor.limit(command, T + 0.399) == command
-    assert monitor.limit(command, T + 0.401) == STOP
-    assert monitor.state == "the last scan is older than 0.4 s"
+    assert monitor.limit(command, T + 0.5) == command
+    assert monitor.limit(command, T + 0.501) == STOP
+    assert monitor.state == "the last scan is older than 0.5 s"
     near = wall(1.0)._replace(ranges=[-math.inf] * 360)  # something too near, all round
     for blocked, commands in ((near, (AHEAD, BACK, command)), (wall(0.13), (AHEAD,))):
         monitor = standing(body=BODY._replace(center_x=-0.03))
@@ -91,6 +91,8 @@ def test_the_parameters_are_those_of_the_monitor():
     assert monitor._timing == ScanTiming(age=0.1, period=0.3, reaction=0.15, returns=0.02)
     assert monitor._reach == pytest.approx((0.26 + 1.82 * 0.064) * 3.55)
     assert monitor._narrow == beams.narrow_gap(0.22, 0.01 + 0.26 * 3.0)
+    monitor._walk(T + 1.0)
+    assert monitor._room == pytest.approx(0.03 * 3.0)
 
 
 def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
