@@ -57,7 +57,8 @@ def dots(cases, *panels):
     """Return a figure with a line for each case and the panels beside each other."""
     several = max(len(panel.series) for panel in panels)
     names = [textwrap.fill(case, 26) for case in cases]
-    height = len(cases) * max(ROW, 0.11 * several) + (1.0 if several > 1 else 0.6)
+    row = max(ROW, 0.11 * several, *(0.17 * (name.count("\n") + 1) for name in names))
+    height = len(cases) * row + (1.0 if several > 1 else 0.6)
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for ax, panel in zip(axes, panels, strict=True):
