@@ -129,7 +129,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         as_int("--seed", chosen.get("seed", 0), 0, MAX_SEED)
         require_outputs([(f"--{name}", path, ENDINGS[name]) for name, path in files.items()], force=force)
         if files["html"]:
-            satellite("watch")  # else what is missing would be told after the drive
+            satellite("watch", "page_of")((), title="")  # else what is missing would be told after the drive
     except (ValueError, OSError, ImportError) as error:
         return refuse(error)
     be_interruptible()
