@@ -10,8 +10,7 @@ from guard_scans import hall
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.values import STOP, Command, Pose
 
-TICK, AHEAD = 0.02, Command(0.1, 0.2)
-T = 100.0  # when all begins, not at 0
+TICK, T, AHEAD = 0.02, 100.0, Command(0.1, 0.2)  # all begins at T, not at 0
 
 
 def new(**parameters):
@@ -62,6 +61,8 @@ def test_outside_the_fence_only_a_person_drives():
     arbiter.locate(1.5, 1.5, T + 1.4)
     assert set(drive(arbiter, 1.4, 0.4, AHEAD)) == {STOP}
     assert drive(arbiter, 1.8, 0.2, AHEAD, "teleop")[-1] == AHEAD
+    arbiter.locate(math.nan, 0.0, T + 3.0)
+    assert set(drive(arbiter, 3.0, 0.2, AHEAD)) == {STOP}
 
 
 def test_speed_is_scaled():
