@@ -7,11 +7,4 @@ from turtlebot_gym_ros.blocks.people_tracker import PeopleTracker
 from turtlebot_gym_ros.blocks.simulator import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.waypoints import WaypointGenerator
 
-__all__ = [
-    "KalmanFilter",
-    "Localizer",
-    "PeopleTracker",
-    "TurtlebotSimulator",
-    "VelocityController",
-    "WaypointGenerator",
-]
+__all__ = ["KalmanFilter", "Localizer", "PeopleTracker", "TurtlebotSimulator", "VelocityController", "WaypointGenerator"]

@@ -19,7 +19,7 @@ from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int
 from turtlebot_gym.drive import Drive, RoomData, heading_error, position_error
 from turtlebot_gym.files import replacing, write_text
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.presets import FIXES, NOISES
+from turtlebot_gym.presets import FIXES, NOISES, make_robot
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.tasks import ROOM, SQUARE, arrived
@@ -181,7 +181,9 @@ def _tell(trajectory: Drive, latest: dict[str, Any], chosen: dict[str, Any], fil
         known = {name: value if math.isfinite(value) else None for name, value in figures.items()}
         write_text(files["json"], json.dumps({"options": chosen, "metrics": known}, indent=2) + "\n")
     policy, task = chosen.get("policy", "bearing"), ROOM if "obstacles" in latest else SQUARE
-    drive = replace(trajectory, around=RoomData(policy, latest.get("obstacles"), latest.get("map"), goal_radius=task.radius))
+    radius = make_robot(chosen.get("robot", "burger")).radius
+    around = RoomData(policy, latest.get("obstacles"), latest.get("map"), robot_radius=radius, goal_radius=task.radius)
+    drive = replace(trajectory, around=around)
     if files["figure"]:
         with replacing(files["figure"]) as beside:
             legends_below(drives_figure({policy: drive}, title="in the ROS graph")[0]).savefig(beside, dpi=120)
