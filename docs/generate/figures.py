@@ -12,6 +12,7 @@ import gymnasium as gym
 import mkdocs_gen_files
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from turtlebot_gym import SQUARE
 from turtlebot_gym.drive import Drive, RoomData
@@ -71,6 +72,8 @@ def dots(cases, *panels):
         if panel.line is not None:
             ax.axvline(panel.line, color="0.4", linestyle="--", linewidth=1.0)
         ax.set(xlabel=panel.label, xscale=panel.scale)
+        if panel.scale == "log":
+            ax.xaxis.set(major_locator=LogLocator(subs=(1.0, 2.0, 5.0)), major_formatter="{x:g}", minor_formatter="")
         ax.grid(axis="x", color="0.88")
         ax.set_axisbelow(True)
         ax.spines[["top", "right"]].set_visible(False)
