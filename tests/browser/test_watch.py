@@ -1,14 +1,11 @@
 """The viewer in a real browser: it opens, draws on screens and phones, plays, and asks for nothing.
 
-Where ``SCREENSHOTS`` names a folder, pictures and figures are left there, to be looked at.
+Where ``SCREENSHOTS`` names a folder, pictures are left there, to be looked at.
 """
 
 import io
-import json
 import os
 import shutil
-import statistics
-import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -27,23 +24,7 @@ from turtlebot_gym_view.page import Page
 pytestmark = pytest.mark.slow
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
 SIZES = {"wide": (1400, 900), "narrow": (400, 860)}
-SCRUB = """async (turns) => {
-    const slider = document.getElementById("time"), taken = []
-    for (let k = 0; k < turns; k++) {
-        const begun = performance.now()
-        slider.value = Number(slider.max) * ((7 * k) % turns) / turns
-        slider.dispatchEvent(new Event("input"))
-        await new Promise((done) => requestAnimationFrame(() => {  // behind the frame in which it is drawn
-            const channel = new MessageChannel()
-            channel.port1.onmessage = done
-            channel.port2.postMessage(0)
-        }))
-        taken.push(performance.now() - begun)
-    }
-    return taken
-}"""
-SIZE_LIMIT, OPEN_LIMIT, SCRUB_LIMIT = 3_000_000, 2.0, 0.1
-"""Of a drive of 60 s: greatest size of its file, bytes; longest time to open it, and median time to draw another moment, s."""
+SIZE_LIMIT = 3_000_000  # bytes of a file with a drive of 60 s
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +39,7 @@ def browser():
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """A folder for pictures and figures."""
+    """A folder for pictures."""
     folder = Path(os.environ.get("SCREENSHOTS") or tmp_path_factory.mktemp("browser"))
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -76,10 +57,8 @@ class Visit:
         self.page.on("websocket", lambda socket: self.requests.append(socket.url))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("console", lambda message: self.errors.append(message.text) if message.type == "error" else None)
-        begun = time.perf_counter()
         self.page.goto(url)
         self.page.wait_for_selector("html[data-ready]", state="attached", timeout=60_000)
-        self.opened = time.perf_counter() - begun
         self.page.wait_for_timeout(500)
 
     def seek(self, seconds):
@@ -124,18 +103,9 @@ def urls(tmp_path_factory):
 
 
 @pytest.mark.parametrize("drives", [1, 2])
-def test_a_file_of_60_s_opens_and_scrubs_in_time(visit, urls, results, drives):
-    url = urls[drives]
-    size = Path(urlsplit(url).path).stat().st_size
-    visits = [visit(url) for _ in range(3)]
-    scrubs = [statistics.median(visit.page.evaluate(SCRUB, 40)) / 1000.0 for visit in visits]
-    requests = sorted(set(visits[0].requests))
-    figures = {"bytes": size, "opened": [visit.opened for visit in visits], "scrubbed": scrubs, "requests": requests}
-    (results / f"figures-{drives}.json").write_text(json.dumps(figures, indent=1))
-    assert size <= SIZE_LIMIT
-    assert min(figures["opened"]) <= OPEN_LIMIT  # the best of three: others use the machine too
-    assert min(scrubs) <= SCRUB_LIMIT
-    assert all(visit.requests == [url] for visit in visits)
+def test_a_file_of_60_s_is_small_and_asks_for_nothing(visit, urls, drives):
+    assert visit(urls[drives]).requests == [urls[drives]]
+    assert Path(urlsplit(urls[drives]).path).stat().st_size <= SIZE_LIMIT
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.front.satellites import replay
-from turtlebot_gym_lab.commands.replay import pictures_of
 
 
 @pytest.fixture
@@ -96,16 +95,3 @@ def test_no_input_is_overwritten_even_with_force(words, capsys, tmp_path, monkey
     (tmp_path / "bag" / "metadata.yaml").write_text("x: 1\n")
     assert main([*words.split(), "--force"]) == 2
     assert "it is an input of the same command" in capsys.readouterr().err
-
-
-def test_several_drives_have_a_picture_each(capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "more").mkdir()
-    (tmp_path / "drive.csv").write_text("x")
-    (tmp_path / "more" / "drive.csv").write_text("x")
-    files = (Path("drive.csv"), Path("more/drive.csv"), Path("other.csv"))
-    names = [path.name for path in pictures_of(Path("a.png"), files)]
-    assert names == ["a-drive-0.png", "a-drive-1.png", "a-other.png"]
-    (tmp_path / "a-other.png").write_text("dear")
-    assert main(["replay", *map(str, files), "--plot", "a.png"]) == 2
-    assert "a-other.png: it exists" in capsys.readouterr().err
