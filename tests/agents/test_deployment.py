@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bundles import CARD, linear_model
 
 from turtlebot_gym import NAV, Episode, make_filter, make_noise, make_parameters
 from turtlebot_gym.estimation.gyro import Gyro
@@ -14,6 +15,8 @@ from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import STOP
 from turtlebot_gym_agents import Deployment, make_policy
+from turtlebot_gym_agents.policies.bundle import write_bundle
+from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.policies.protection import NEARER, SafetyLayer
 
 TURN = 2.0 * math.pi
@@ -208,9 +211,13 @@ def test_a_clockwise_scan_is_seen_where_it_points(seeing):
         assert np.flatnonzero(seeing.observation[13:-1] < 0.5).tolist() == [sector]
 
 
-def test_robot_and_period_are_those_on_the_card():
-    deployment = Deployment("ppo-nav")
+def test_robot_and_period_are_those_on_the_card(tmp_path):
+    deployment, path = Deployment("ppo-nav"), tmp_path / "waffle.onnx"
     assert (deployment.robot.max_linear, deployment.period, deployment.terms) == (0.2108, 0.1, OPEN_GROUND)
+    write_bundle(path, linear_model(), replace(CARD, robot=describe_robot("waffle"), dt=0.2))
+    for given in ({}, {"robot": "waffle"}, {"period": 0.2}):
+        deployment = Deployment(path, **given)
+        assert (deployment.robot.max_linear, deployment.period) == (0.26, 0.2)
     with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 10 Hz waffle"):
         Deployment("ppo-nav", robot="waffle")
     with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 20 Hz burger"):

@@ -16,8 +16,6 @@ from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.network import TOLERANCE
 from turtlebot_gym_agents.training.train import train
 
-pytestmark = pytest.mark.slow
-
 
 def bundle_actions(bundle, observations, begins):
     policy, actions = BundlePolicy(bundle), []

@@ -114,6 +114,12 @@ def test_a_robot_that_moves_back_and_forth_is_stuck_and_one_that_turns_round_is_
         assert any(stuck) == is_stuck
 
 
+def test_cells_cost_more_the_nearer_they_are_to_an_occupied_cell():
+    stamp = PlannerPolicy()._stamp  # by hand: a robot 0.1 m away would touch it, 2.3 more at 0.14 m, 1.0 at 0.2 m, 0 at 0.28 m
+    assert stamp[3].tolist() == stamp[:, 3].tolist() == [4, 5, 400, 400, 400, 5, 4]
+    assert np.diag(stamp).tolist() == [4, 4, 6, 400, 6, 4, 4]
+
+
 def test_a_path_over_ground_seen_to_be_free_is_preferred_to_a_slightly_shorter_one():
     """The goal is behind a post in the middle; the ground was seen on the left."""
     for side in (-1, 1):

@@ -153,6 +153,15 @@ def test_a_layer_that_admits_every_arc_is_noticed(monkeypatch):
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0), delay=1) < -0.05
 
 
+def test_what_came_too_near_for_the_lidar_is_remembered_until_its_row_is_forgotten():
+    post, ahead = np.ones(SECTORS), np.full((2, 2), [1.0, 0.0], np.float32)
+    post[0] = 0.15 / SIGHT
+    layer = SafetyLayer(lambda rows: ahead, way_out=0.0)
+    layer(np.array([sight(shares=post)] * 2))
+    layer.reset(np.array([False, True]))
+    assert layer(np.array([sight()] * 2))[:, 0].tolist() == [0.0, 1.0]
+
+
 def test_where_the_layer_has_stopped_a_robot_geometry_steers_for_a_while_until_its_row_is_forgotten():
     """A robot that only wants to drive straight into a wall: it turns along it, and then may try again."""
     ahead = lambda rows: np.broadcast_to(np.float32([1.0, 0.0]), (*rows.shape[:-1], 2))  # noqa: E731

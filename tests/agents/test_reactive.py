@@ -112,7 +112,6 @@ def test_vfh_keeps_to_the_side_that_it_chose_until_its_row_is_forgotten(name):
     assert kept < 0.0 < turned
 
 
-@pytest.mark.slow
 def test_geometry_finds_its_way_and_the_oracle_bounds_it():
     """60 dense rooms. With the rates that 1000 had, a bound is missed by fewer than one seed in a thousand."""
     summaries = {name: evaluate(name, env=ROOMS, episodes=60, seed=3).summary() for name in ("vfh", "bearing", "oracle")}

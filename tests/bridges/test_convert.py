@@ -177,6 +177,8 @@ def test_obstacles_travel_as_markers():
     message = over_the_wire(way.write(room, Header(frame_id="odom")))
     assert [marker.header.frame_id for marker in message.markers] == ["odom"] * 4
     assert len({(marker.ns, marker.id) for marker in message.markers}) == 4
+    corners = [(-1.5, -3.0), (3.5, -3.0), (3.5, 1.0), (-1.5, 1.0), (-1.5, -3.0)]
+    assert [(point.x, point.y) for point in message.markers[0].points] == corners
     back = way.read(message)
     for read, other in zip(back, room, strict=True):
         np.testing.assert_allclose(read, other, rtol=1e-12)

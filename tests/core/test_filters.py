@@ -127,6 +127,7 @@ def variances(kf):
 @pytest.mark.parametrize("from_origin", [False, True])
 def test_it_starts_at_the_first_measurement_or_at_the_origin(from_origin):
     kf, origin = FilterObject(replace(BY_HAND, from_origin=from_origin)), ([0.0] * 5, [0.1, 0.2, 0.3, 0.4, 0.5])
+    assert list(kf.belief.mean) == [0.0] * 5
     kf.start(Pose(1.0, 2.0, 3.0))
     measured = ([1.0, 2.0, 3.0, 0.0, 0.0], [0.5, 0.4, 0.25, 0.0, 0.0])
     assert (list(kf.belief.mean), variances(kf)) == (origin if from_origin else measured)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from turtlebot_gym.localization.descent import distance_at
 from turtlebot_gym.rooms.field import REACH, field_of_cells, field_of_hits, sample
 
 SIDE = 0.1
@@ -55,8 +56,10 @@ def test_between_the_centres_a_field_is_bilinear_with_its_own_gradient(yaw):
         assert derivative == pytest.approx(change / (2.0 * h), rel=1e-5)
 
 
-def test_beside_an_unknown_cell_and_outside_of_the_map_nothing_is_known():
+def test_in_or_beside_an_unknown_cell_and_outside_of_the_map_nothing_is_known():
     field, frame = np.zeros((6, 6), np.float32), np.array([0.0, 0.0, 1.0, 0.0, SIDE])
     field[2, 2] = np.nan
     assert sample(field, frame, 0.42, 0.42).known
     assert not any(sample(field, frame, *at).known for at in ((0.24, 0.24), (-0.1, 0.3), (0.3, 0.7), (0.02, 0.3), (1e9, 0.0)))
+    for x, y, known in ((0.01, 0.3, True), (0.3, 0.01, True), (0.59, 0.59, True), (-0.01, 0.3, False), (0.24, 0.24, False)):
+        assert math.isnan(distance_at(field, frame, x, y)) != known

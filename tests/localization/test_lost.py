@@ -9,7 +9,7 @@ from localization_rooms import corridor, empty_hall, hall, make_room, off, scan_
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.compiled.program import compiled
 from turtlebot_gym.kernel import HAS_LLVM
-from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, NONE, ROWS, exp
+from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, NONE, ROWS, exp, insert
 from turtlebot_gym.localization.descent import SILENT_BEAMS, agreeing, verdict
 from turtlebot_gym.localization.hypotheses import CYCLE, ENOUGH, look, nowhere
 from turtlebot_gym.localization.information import Guess
@@ -242,6 +242,14 @@ def test_where_two_places_look_alike_both_stay_and_move_with_the_wheels():
         assert located.belief.covariance.xx > 0.2, "the belief is as wide as the hypotheses are apart"
         mirrored = (112 * 0.05 - x, 92 * 0.05 - y, theta + math.pi)
         assert min(max(off(located, (x, y, theta))), max(off(located, mirrored))) < 0.03
+
+
+def test_only_a_hypothesis_keeps_another_from_its_place():
+    bank = empty()
+    bank[:, LOG_WEIGHT] = NONE
+    for count, x in ((1, 0.0), (1, 0.01), (2, 3.0)):
+        insert(bank, Pose(x, 0.0, 0.0), REST, -1.0)
+        assert (bank[:, LOG_WEIGHT] > NONE).sum() == count
 
 
 def test_weights_are_exponentials():

@@ -19,7 +19,7 @@ from turtlebot_gym.rooms.sensing import clearance
 
 @pytest.mark.parametrize("name", ROOMS)
 def test_a_way_leads_through_each_room(empty_scene, name):
-    rules, counts, rooms = ROOMS[name], [], set()
+    rules, counts, rooms, see = ROOMS[name], [], set(), []
     for number in range(200):
         scene = empty_scene(rules)
         start, goal = draw_compiled(scene, as_tuple(rules), 0.105, episode_key(number, 0))
@@ -35,6 +35,7 @@ def test_a_way_leads_through_each_room(empty_scene, name):
         assert ((speeds >= rules.speed[0] - 1e-9) & (speeds <= rules.speed[1] + 1e-9)).all()
         assert straight - 0.2 <= way_left(scene, start.x, start.y) < 60.0
         counts.append(scene.room.counts.tolist())
+        see.extend(scene.room.people[: len(walkers), 5])
         rooms.add(scene.room.circles.tobytes() + scene.room.boxes.tobytes())
     circles, boxes = np.array(counts).T
     assert len(rooms) == 200
@@ -44,6 +45,8 @@ def test_a_way_leads_through_each_room(empty_scene, name):
         assert {boxes.min(), boxes.max()} == set(map(int, rules.boxes))
     if name == "dense":
         assert set(circles + boxes) == {14}
+    if rules.people:
+        assert abs(np.mean(see) - (1.0 - rules.blind)) < 0.06, "of 900"
 
 
 def test_a_room_that_cannot_be_passed_loses_what_stands_in_it(empty_scene):

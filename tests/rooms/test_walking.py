@@ -29,14 +29,16 @@ def walker(scene, walls, circle):
     return scene
 
 
-def test_walkers_wait_for_a_robot_that_is_near_and_in_their_way(empty_scene):
+@pytest.mark.parametrize("way", [1.0, 1.0j, 0.6 - 0.8j])
+def test_walkers_wait_for_a_robot_that_is_near_and_in_their_way(empty_scene, way):
     def steps(robot, courtesy):
-        scene = walker(empty_scene("crowd"), (0.0, 0.0, 10.0, 10.0), (0.0, 0.0, 0.2, 0.5, 0.0))
+        v, at = 0.5 * way, robot * way
+        scene = walker(empty_scene("crowd"), (0.0, 0.0, 10.0, 10.0), (0.0, 0.0, 0.2, v.real, v.imag))
         for _ in range(20):
-            step(scene, robot, rules=replace(ROOMS["crowd"], courtesy=courtesy))
-        return scene.room.circles[0, 0]
+            step(scene, Pose(at.real, at.imag, 0.0), rules=replace(ROOMS["crowd"], courtesy=courtesy))
+        return abs(complex(*scene.room.circles[0, :2]))
 
-    ahead, behind, aside = Pose(0.82, 0.0, 0.0), Pose(-0.5, 0.0, 0.0), Pose(0.5, 2.0, 0.0)
+    ahead, behind, aside = 0.82, -0.5, 0.5 + 2.0j
     assert steps(ahead, 0.4) == pytest.approx(0.25)  # the first step that begins nearer than 0.4 m to it is not made
     assert steps(ahead, 0.0) == pytest.approx(0.65)  # it runs into the robot, and stands where its centre is inside
     assert steps(behind, 0.4) == steps(aside, 0.4) == pytest.approx(1.0)

@@ -19,7 +19,6 @@ from turtlebot_gym.rooms.scan import Obstacles, Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents import watch
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_view import style
 from turtlebot_gym_view.maps import _extent, _picture
 from turtlebot_gym_view.page import Page
 from turtlebot_gym_view.view import fill
@@ -87,10 +86,6 @@ def test_a_notebook_shows_the_page_in_a_frame_that_loads_nothing():
     assert shown.loads == []
     assert shown.frames == [page.html()] or len(shown.frames[0]) == len(page.html())  # but for the numbers of models
     assert "A&quot; &amp; B" in page._repr_html_()
-
-
-def test_six_drives_have_six_colours_and_six_dashes():
-    assert len({tuple(dash) for _, dash in style.RUNS}) == len({ink for ink, _ in style.RUNS}) == 6
 
 
 def test_drives_in_one_room_share_a_map_and_others_do_not():
@@ -196,9 +191,3 @@ def test_a_wrong_option_is_refused_in_one_line_and_nothing_is_written(option, va
     assert printed.err.startswith("turtlebot-gym: ")
     assert printed.err.count("\n") == 1
     assert not list(tmp_path.iterdir())
-
-
-def test_more_drives_than_there_are_colours_are_refused_before_they_are_driven(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("turtlebot_gym_agents.evaluation.recording.record_episode", lambda *_, **__: pytest.fail("driven"))
-    assert main(["watch", "--policy", *["bearing"] * 7, "--html", str(tmp_path / "a.html")]) == 2
-    assert capsys.readouterr().err == "turtlebot-gym: a view shows 1 to 6 drives, got 7.\n"

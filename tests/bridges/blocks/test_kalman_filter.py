@@ -3,14 +3,17 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from turtlebot_gym.heart import Episode
+from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.presets import FIXES, NOISES
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import NAV
-from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
+from turtlebot_gym.values import STOP, Belief, Command, Covariance, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
+from turtlebot_gym_ros.blocks.credible import Gate
 from turtlebot_gym_ros.node.block import Resume, Stamped
 
 COMMAND = Command(0.15, 0.4)
@@ -182,6 +185,21 @@ def test_a_fix_that_the_belief_rules_out_is_counted_and_not_used(pose, R, age, s
     node.step(0.1, NEXT, fix=Stamped(Fix(NEXT.pose, SURE, 0.0, True), 0.1))
     assert node.notice is None
     assert node.figures["refused fixes"] == 1
+
+
+def test_a_fix_is_judged_by_the_sum_of_both_covariances_and_the_last_belief_of_its_time():
+    rng, gate, off = np.random.default_rng(0), Gate(), np.array([3.0, -2.0, 1.0])
+    A, B = (root @ root.T for root in rng.normal(size=(2, 3, 3)))
+    belief = Belief(State(*off, 0.0, 0.0), Covariance(*A[np.triu_indices(3)], 1.0, 1.0))
+    for mean in (State(0.0, 0.0, 0.0, 0.0, 0.0), belief.mean):
+        gate.remember(0.0, belief._replace(mean=mean))
+    for n, scale in ((3, 100.0), (2, 30.0)):
+        fix = Fix(
+            Pose(*(off + scale)), (*np.diag(B)[:2], B[2, 2] if n == 3 else math.inf), 0.0, True, (B[0, 1], B[0, 2], B[1, 2])
+        )
+        away = np.array([scale, scale, wrap(scale)])[:n]
+        squared = away @ np.linalg.solve((A + B)[:n, :n], away)
+        assert f"squared innovation of {squared:.3g}, above" in gate.refusal(fix, 0.0)
 
 
 STANDING = seen(1.0, 0.0, 0.0)

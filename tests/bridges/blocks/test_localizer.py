@@ -76,11 +76,13 @@ def test_it_stays_where_the_robot_is_and_ties_the_odometry_to_the_map(drive):
 
 def test_a_robot_that_does_not_know_where_it_is_says_nothing_until_it_does(drive):
     loop = drive(start="unknown")
-    loop.go(0.1)
-    assert loop.answer == {}
-    assert loop.node.notice.startswith("lost")
-    assert loop.go(5.5) > 20
-    assert loop.error < 0.1
+    for _ in range(2):
+        loop.go(0.1)
+        assert loop.answer == {}
+        assert loop.node.notice.startswith("lost")
+        assert loop.go(5.5) > 20
+        assert loop.error < 0.1
+        loop.node.services["reinitialize_global_localization"]()
 
 
 def nonsense(seed):
