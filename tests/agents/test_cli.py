@@ -46,6 +46,13 @@ def test_evaluate_prints_tables_and_writes_all_combinations(tmp_path, capsys):
     assert paths[1].read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.filterwarnings("default")
+def test_a_warning_is_a_line(capsys):
+    assert main(["evaluate", "--world", "people", "--policy", "vfh+yield", "--episodes", "1"]) == 0
+    [warning] = capsys.readouterr().err.splitlines()
+    assert warning == "turtlebot-gym: vfh+yield reads tracks, which need wheel odometry: it drives with noise='wheel'."
+
+
 MISSPELT = [
     (["evaluate", "--env", "turtlebot_gym/TurtleBotNaw-v0"], NAV),
     (["evaluate", "--policy", "Bearing"], "bearing"),

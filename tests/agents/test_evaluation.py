@@ -215,6 +215,15 @@ def test_the_summary_of_rooms_follows_from_the_episodes(max_linear):
     assert summary["spl"].value == pytest.approx(np.mean(spl), rel=1e-9)
 
 
+def test_the_summary_of_missions_follows_from_the_episodes():
+    result = evaluate("bearing", env="turtlebot_gym/TurtleBotMissions-v0", episodes=2, max_episode_steps=20)
+    columns = {"arrivals": (3, 1), "given": (5, 3), "false_arrivals": (0, 2), "time": (100.0, 300.0), "astray": (0.5, 0.1)}
+    episodes = result.episodes._replace(**{name: np.array(column) for name, column in columns.items()})
+    summary = replace(result, episodes=episodes).summary()
+    expected = {"goals": 0.5, "false_goals": 0.25, "goals_an_hour": 36.0, "lost": 0.2}
+    assert {name: summary[name].value for name in expected} == pytest.approx(expected)
+
+
 def test_progress_counts_the_ended_episodes_of_all_batches(monkeypatch):
     monkeypatch.setattr("turtlebot_gym_agents.evaluation.evaluate.BATCH", 4)
     counts = []

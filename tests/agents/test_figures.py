@@ -76,6 +76,7 @@ def test_a_learning_curve_is_the_mean_of_seeds_with_its_interval(axes):
     runs = [[{"steps": 1000.0 * (at + 1), "success": value, "return": value} for at, value in enumerate(run)] for run in shares]
     assert plot_learning(axes, runs) is axes
     assert line(axes, "mean of 3 seeds").get_ydata() == pytest.approx([40.0, 80.0])
+    assert len(axes.lines) == 4  # and one of each seed
     heights = axes.collections[0].get_paths()[0].vertices
     margin = 4.302653 * 20.0 / math.sqrt(3.0)  # the 97.5 % point of Student's t with 2 degrees of freedom
     assert np.ptp(heights[heights[:, 0] == 1000.0, 1]) == pytest.approx(2.0 * margin)

@@ -63,13 +63,6 @@ def test_its_arrays_are_those_of_its_csv(result, tmp_path):
             np.testing.assert_array_equal(np.array(written, float), np.asarray(column, float))
 
 
-def test_its_json_holds_the_configuration_and_where_it_comes_from(result, tmp_path):
-    result.to_json(str(tmp_path / "result.json"))
-    content = json.loads((tmp_path / "result.json").read_text())
-    assert content["config"]["env"].startswith("turtlebot_gym/TurtleBot")
-    assert {"version", "commit", "libraries"} <= set(content)
-
-
 def test_a_comparison_is_of_each_policy_in_each_setting(compared):
     assert [*compared.evaluations] == ["proportional, tutorial", "proportional, clean", "bearing, tutorial", "bearing, clean"]
     alone = evaluate("bearing", env="Nav", episodes=12, noise="clean")

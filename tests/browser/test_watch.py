@@ -7,7 +7,6 @@ import io
 import os
 import shutil
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -24,7 +23,6 @@ from turtlebot_gym_view.page import Page
 pytestmark = pytest.mark.slow
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
 SIZES = {"wide": (1400, 900), "narrow": (400, 860)}
-SIZE_LIMIT = 3_000_000  # bytes of a file with a drive of 60 s
 
 
 @pytest.fixture(scope="module")
@@ -103,9 +101,8 @@ def urls(tmp_path_factory):
 
 
 @pytest.mark.parametrize("drives", [1, 2])
-def test_a_file_of_60_s_is_small_and_asks_for_nothing(visit, urls, drives):
+def test_a_page_asks_for_nothing(visit, urls, drives):
     assert visit(urls[drives]).requests == [urls[drives]]
-    assert Path(urlsplit(urls[drives]).path).stat().st_size <= SIZE_LIMIT
 
 
 @pytest.mark.parametrize("size", SIZES)

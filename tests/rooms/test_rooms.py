@@ -48,7 +48,8 @@ def test_rooms_are_the_same_compiled_and_in_plain_python(world, lidar, in_step, 
 def test_contact_ends_an_episode_where_the_footprint_touches_the_wall():
     """The wall is at x = 3, the robot's radius 0.105 m: contact at x = 2.895, of the true pose."""
     env = room(world=replace(HALL, goal=Pose(-2.0, 0.0, 0.0)), noise="clean", lidar="ideal")
-    env.reset(seed=0)
+    _, info = env.reset(seed=0)
+    assert (info["clearance"], info["path_length"], info["collision"]) == (pytest.approx(2.895), 0.0, False)
     x, terminated = 0.0, False
     while not terminated:
         assert x < 2.895

@@ -101,12 +101,6 @@ def test_drives_in_one_room_share_a_map_and_others_do_not():
     assert maps([drives[0], make_drive(3, scans=1)]) == 2
 
 
-def test_the_line_of_the_nis_is_that_of_any_table():
-    document = Document()
-    fill(document, [make_drive(5, scans=1)], title="")
-    assert any("7.81" in root.title.text for root in document.roots)  # chi-square with 3 degrees of freedom
-
-
 @pytest.mark.parametrize("number", [0, 7])
 def test_a_wrong_number_of_drives_is_refused(number):
     with pytest.raises(ValueError, match="1 to 6 drives"):
