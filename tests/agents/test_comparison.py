@@ -95,19 +95,6 @@ def test_intervals_over_trainings_have_the_stated_coverage(parts):
     assert errors < 0.05 + MARGIN
 
 
-@pytest.mark.parametrize(
-    ("wrong", "parts"),
-    [
-        # That of the first release: averaged over trainings first, whose variation is lost.
-        (lambda table: metrics.mean(table.mean(axis=0)), SPREADS[0]),
-        # Averaged over episodes first, whose variation is lost.
-        pytest.param(lambda table: metrics.mean(table.mean(axis=1)), SPREADS[1], marks=pytest.mark.slow),
-    ],
-)
-def test_a_method_that_forgets_trainings_or_episodes_is_noticed(wrong, parts):
-    assert missed(map(wrong, tables(np.random.default_rng(6), **parts))) > 0.05 + 4.0 * MARGIN
-
-
 def test_the_p_value_is_that_of_the_interval():
     for table in islice(tables(np.random.default_rng(9), trainings=1.0), 100):
         spread = comparison.spread(table)

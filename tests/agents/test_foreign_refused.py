@@ -22,6 +22,8 @@ from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
+pytestmark = pytest.mark.slow
+
 
 class Discrete(gym.ActionWrapper):
     def __init__(self, env):

@@ -20,6 +20,8 @@ from turtlebot_gym_agents.front import comparing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.provenance import plain
 
+pytestmark = pytest.mark.slow
+
 NAV, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Rooms"))
 HYPER = """default:
   n_envs: 32
@@ -47,7 +49,7 @@ def test_an_invalid_study_is_refused_with_the_files_name(text, message, tmp_path
     assert str(tmp_path / "study.yaml") in str(refusal.value)
 
 
-@pytest.mark.parametrize("options", [[], pytest.param(["--cluster", "local", "--workers", "2"], marks=pytest.mark.slow)])
+@pytest.mark.parametrize("options", [[], ["--cluster", "local", "--workers", "2"]], ids=["here", "two workers"])
 def test_the_command_reports_the_evaluations(options, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hyper.yaml").write_text(HYPER)

@@ -10,6 +10,8 @@ from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated
 from turtlebot_gym_lab.calibration import calibrate, detect_kind
 from turtlebot_gym_lab.calibration.coordinates import value_of
 
+pytestmark = pytest.mark.slow
+
 ALPHAS = {"alpha1": 0.004, "alpha2": 0.003, "alpha3": 0.006, "alpha4": 0.005}
 USUAL = {"left": RADIUS, "right": RADIUS, "track": TRACK, "drift": 0.0, **ALPHAS}
 USUAL |= dict.fromkeys(("marker_x", "marker_y", "marker_theta"), 0.0)

@@ -19,6 +19,8 @@ from turtlebot_gym_lab.calibration.alphas import pieces_of
 from turtlebot_gym_lab.calibration.windows import path_of
 from turtlebot_gym_lab.drives import read
 
+pytestmark = pytest.mark.slow
+
 FINE = 0.005
 CREATE = {"wheels": ProcessNoise(scale=1.01, turn_scale=0.62 / 1.01, veer=0.04 / 1.01), "speed": 0.15, "turning": 0.6}
 ROBOTS = {
@@ -141,7 +143,7 @@ def test_a_file_drives_the_same_robot_no_worse_than_raw_odometry(name):
     assert (file < 0.7 * raw) == (name != "as assumed")
 
 
-@pytest.mark.parametrize("seconds", [pytest.param(15.0, marks=pytest.mark.slow), 100.0])
+@pytest.mark.parametrize("seconds", [15.0, 100.0])
 @pytest.mark.parametrize("size", [5e-4, 0.004, 0.02])
 def test_only_wheels_that_a_drive_tells_and_tests_are_in_the_file(size, seconds):
     swing = size * np.sin(0.3 * FINE * np.arange(round(seconds / FINE)))
@@ -186,7 +188,7 @@ def whole(drive, seconds=4.0, late=0.0):
     return np.array(found)
 
 
-@pytest.mark.parametrize("name", ["wifibot1.txt", pytest.param("wifibot2.txt", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["wifibot1.txt", "wifibot2.txt"])
 def test_a_recorded_log_says_the_same_at_every_rate(wifibots, name):
     true = whole(wifibots[name], late=-0.04 if name == "wifibot2.txt" else -0.1)
     for rate in (5.0, 10.0, 25.0, 50.0):
