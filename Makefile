@@ -37,7 +37,7 @@ test: $(READY)  ## before each commit
 	$(PYTEST) -m "not slow"
 
 test-all: $(READY)  ## all tests; those of the viewer need Chromium, those of other libraries environments of their own
-	$(PYTEST)
+	$(PYTEST) --dist worksteal
 
 check: $(READY)  ## style, types, the direction of imports, and spelling
 	$(RUN)ruff check && $(RUN)ruff format --check && $(RUN)codespell

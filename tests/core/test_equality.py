@@ -71,5 +71,5 @@ def test_rows_equal_plain_python(case, number, in_step):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [case for case in CASES if case != SLOW])
-def test_rows_equal_plain_python_for_a_million_steps(case, in_step):
-    assert ends_of(case, 100, range(100), 10_000, in_step).any()
+def test_each_third_row_equals_plain_python_in_a_million_steps(case, in_step):
+    assert ends_of(case, 100, range(0, 100, 3), 10_000, in_step).any()  # of all lanes of a tile
