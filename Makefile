@@ -36,6 +36,7 @@ PYTEST := $(RUN)python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 test: $(READY)  ## before each commit
 	$(PYTEST) -m "not slow"
 
+# One file of slow tests lasts longer than all others: the processes share its tests.
 test-all: $(READY)  ## all tests; those of the viewer need Chromium, those of other libraries environments of their own
 	$(PYTEST) --dist worksteal
 

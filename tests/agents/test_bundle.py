@@ -46,12 +46,16 @@ def test_a_card_names_presets_and_calls_everything_else_custom():
     assert (card.robot["name"], card.terms, card.dt, card.training) == ("waffle", described(OPEN_GROUND), 0.1, {"steps": 5})
 
 
+WAFFLE = "(max_linear 0.2108 there, 0.26 here; max_angular 2.635 there, 1.82 here; wheel_separation 0.16 there, 0.287 here; "
+WAFFLE += "max_wheel 0.2097 there, 0.26 here)"
+
+
 @pytest.mark.parametrize(
     ("made_for", "options", "difference"),
     [
         ("burger", {"dt": 0.05}, "10 Hz burger, asked for 20 Hz burger"),
         ("burger", {"dt": 0.1 + 2e-9}, "10 Hz burger, asked for 10 Hz burger"),
-        ("burger", {"robot": "waffle", "dt": 0.25}, "10 Hz burger, asked for 4 Hz waffle (max_linear 0.2108 there, 0.26"),
+        ("burger", {"robot": "waffle", "dt": 0.25}, f"10 Hz burger, asked for 4 Hz waffle {WAFFLE}"),
         ("burger", {"reverse": False, "radius": 1.0}, "10 Hz burger, asked for 10 Hz custom (reverse True there, False here)"),
         ("tutorial", {"max_wheel": 1.0}, "10 Hz tutorial, asked for 10 Hz custom (max_wheel None there, 1.0 here)"),
         ("tutorial", {"robot": "tutorial"}, None),  # its limits are infinite, which JSON does not have
@@ -68,7 +72,7 @@ def test_the_refusal_of_another_robot_or_period_names_every_difference(tmp_path,
     if difference is None:
         BundlePolicy(path, **arguments)
     else:
-        with pytest.raises(ValueError, match=re.escape(f"{path}: made for {difference}")):
+        with pytest.raises(ValueError, match="^" + re.escape(f"{path}: made for {difference}.") + "$"):
             BundlePolicy(path, **arguments)
 
 

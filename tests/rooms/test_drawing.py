@@ -46,7 +46,7 @@ def test_a_way_leads_through_each_room(empty_scene, name):
     if name == "dense":
         assert set(circles + boxes) == {14}
     if rules.people:
-        assert abs(np.mean(see) - (1.0 - rules.blind)) < 0.06, "of 900"
+        assert abs(np.mean(see) - (1.0 - rules.blind)) < 0.06  # four standard errors of 900 people
 
 
 def test_a_room_that_cannot_be_passed_loses_what_stands_in_it(empty_scene):

@@ -72,7 +72,8 @@ def test_tracks_keep_every_bit_as_points():
     layout = {"names": names, "formats": ["<f4"] * len(names), "offsets": offsets, "itemsize": message.point_step}
     points = np.frombuffer(message.data, np.dtype(layout))
     assert points["vy"].tolist() == list(tracks[3::8])
-    assert (message.height, len(message.data)) == (1, message.row_step) == (1, message.width * message.point_step)
+    assert message.height == 1
+    assert len(message.data) == message.row_step == message.width * message.point_step
     message.fields[0].name = "X"
     with pytest.raises(ValueError, match="tracks must be 5 points of the fields x, y, vx"):
         to.read(message)
